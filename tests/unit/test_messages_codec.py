@@ -6,7 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from forefeel.common.bus import Header
-from forefeel.common.codec import MAX_MESSAGE_BYTES, decode, encode, unpack
+from forefeel.common.codec import decode, encode
 from forefeel.common.errors import CodecError
 from forefeel.common.messages import (
     PROTOCOL_VERSION,
@@ -88,9 +88,7 @@ def test_messages_are_frozen(kind: type[Message]) -> None:
 @pytest.mark.parametrize("number", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize("field", ["position_m", "velocity_m_s", "recording_time_s"])
 def test_a_number_that_is_not_finite_is_refused_on_the_way_in(field: str, number: float) -> None:
-    assert f"MotionCommand.{field}: Input should be a finite number" == refusal(
-        MotionCommand, command(**{field: number})
-    )
+    assert refusal(MotionCommand, command(**{field: number})).endswith(f"at `$.{field}`")
 
 
 def test_a_number_that_is_not_finite_is_refused_on_the_way_out() -> None:
@@ -120,7 +118,7 @@ def test_a_number_that_is_not_finite_is_refused_on_the_way_out() -> None:
     ],
 )
 def test_nothing_is_converted_or_out_of_range(field: str, value: object) -> None:
-    assert refusal(MotionCommand, command(**{field: value})).startswith(f"MotionCommand.{field}: ")
+    assert refusal(MotionCommand, command(**{field: value})).endswith(f"at `$.{field}`")
 
 
 def test_a_whole_number_stands_for_a_float() -> None:
@@ -129,20 +127,16 @@ def test_a_whole_number_stands_for_a_float() -> None:
 
 
 def test_an_unknown_field_is_refused() -> None:
-    assert refusal(MotionCommand, command(speed=1)).startswith("MotionCommand.speed: Extra inputs")
-
-
-def test_an_unknown_field_of_two_lines_is_refused_on_one() -> None:
-    assert refusal(MotionCommand, command(**{"a\nb": 1})).startswith("MotionCommand.a\\nb: Extra inputs")
+    assert refusal(MotionCommand, command(**{"a\nb": 1})).endswith("unknown field `a\\nb`")
 
 
 def test_a_missing_field_is_refused() -> None:
-    assert refusal(MotionCommand, msgpack.packb(HEADER)) == "MotionCommand.position_m: Field required"
+    assert refusal(MotionCommand, msgpack.packb(HEADER)).endswith("missing required field `position_m`")
 
 
 def test_the_message_of_another_topic_is_refused() -> None:
     heartbeat = encode(Heartbeat(**HEADER))
-    assert "MotionCommand.position_m" in refusal(MotionCommand, heartbeat)
+    assert "unknown field `echo_stamp_ns`" in refusal(MotionCommand, heartbeat)
 
 
 def test_another_protocol_is_refused_and_named() -> None:
@@ -184,7 +178,7 @@ def test_a_text_of_the_longest_length_crosses_in_any_script() -> None:
 )
 def test_what_is_no_map_of_fields_gives_one_error(payload: bytes) -> None:
     with pytest.raises(CodecError) as caught:
-        unpack(payload)
+        decode(MotionCommand, payload)
     assert len(str(caught.value).splitlines()) == 1
 
 
@@ -194,15 +188,7 @@ def test_what_is_no_map_of_fields_gives_one_error(payload: bytes) -> None:
 )
 @pytest.mark.parametrize("field", ["position_m", "gripper", "sequence", "unknown"])
 def test_no_kind_of_msgpack_value_passes_for_a_number_or_a_grip(field: str, value: object) -> None:
-    assert f"MotionCommand.{field}: " in refusal(MotionCommand, command(**{field: value}))
-
-
-def test_the_size_limit_is_exact() -> None:
-    at_limit = msgpack.packb({"a": ["x" * 16_000] * 4})
-    at_limit = msgpack.packb({"a": ["x" * 16_000] * 4, "b": "x" * (MAX_MESSAGE_BYTES - len(at_limit) - 5)})
-    assert len(at_limit) == MAX_MESSAGE_BYTES
-    assert set(unpack(at_limit)) == {"a", "b"}
-    assert refusal(EmergencyStop, at_limit + b"\x00").startswith("message of 65537 bytes")
+    assert field in refusal(MotionCommand, command(**{field: value}))
 
 
 def test_counts_beyond_64_bits_are_refused_before_they_are_sent() -> None:
