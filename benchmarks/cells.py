@@ -242,7 +242,7 @@ def _note(cells: set[str], key: str, _payload: bytes, _receive_ns: int) -> None:
 
 def _forge(master: ZenohTransport, cell: str, heard: Heard) -> int:
     """How many unreadable commands reach that cell's slave."""
-    before, put = heard.malformed(), master.publisher(COMMAND.key(cell, _AXIS), COMMAND.qos)
+    before, put = heard.malformed(), master.publisher(COMMAND.taken_key(cell, _AXIS), COMMAND.qos)
     time.sleep(0.5)
     for _ in range(_FORGED_COMMANDS):
         put(b"forged")

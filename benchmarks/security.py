@@ -105,8 +105,8 @@ class _Channel:
         self._answered = threading.Semaphore(0)
         session: Any = getattr(transport, "_session")  # noqa: B009 - below the product's own rings
         axis = f"{variant.axis}-{int(variant.command)}"
-        self._put = transport.publisher(COMMAND.key(_CELL, axis), Qos.STREAM)
-        self._subscriber: Any = session.declare_subscriber(FORCE.key(_CELL, axis), self._hear)
+        self._put = transport.publisher(COMMAND.taken_key(_CELL, axis), Qos.STREAM)
+        self._subscriber: Any = session.declare_subscriber(FORCE.taken_key(_CELL, axis), self._hear)
 
     def _hear(self, sample: zenoh.Sample) -> None:
         del sample
@@ -204,9 +204,9 @@ def _echo(folder: Path, ports: list[int]) -> None:
     for transport in ends.values():
         session: Any = getattr(transport, "_session")  # noqa: B009
         for axis in ("echo-0", "echo-1", "gate-1", "ring-1"):
-            put = transport.publisher(FORCE.key(_CELL, axis), Qos.STREAM)
+            put = transport.publisher(FORCE.taken_key(_CELL, axis), Qos.STREAM)
             receive = _answer(put, axis)
-            key = COMMAND.key(_CELL, axis)
+            key = COMMAND.taken_key(_CELL, axis)
             if axis.startswith("ring"):
                 transport.subscribe(key, receive)
             else:

@@ -3,19 +3,20 @@ on the way in.
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import count as numbers
 from typing import TypedDict, TypeVar
 
 from forefeel.common.clock import Clock
-from forefeel.common.codec import decode, encode
+from forefeel.common.codec import Codec
 from forefeel.common.errors import CodecError
-from forefeel.common.flight import FlightRing, Rings
+from forefeel.common.flight import Rings
 from forefeel.common.messages import Message
-from forefeel.common.topics import Topic
-from forefeel.common.transport.port import Put, Transport
+from forefeel.common.topics import Qos, Topic
+from forefeel.common.transport.port import Handler, Poll, Put, Transport
 
 M = TypeVar("M", bound=Message)
+_MOST_BATCHED_NS = 1_000_000_000  # ns between the first and the last of a batch, whatever a stamp says
 
 
 class Header(TypedDict):
@@ -26,13 +27,17 @@ class Header(TypedDict):
     stamp_ns: int
 
 
+BATCH_NS = 20_000_000
+"""ns of a 1 kHz topic that observers hear at once; with what a recorder waits a kill loses at most 50 ms."""
+
+
 class Publisher:
     """Publishes one topic of one axis. Stamps and numbers are given by `header`, so that a message is built
     once.
     """
 
-    def __init__(self, put: Put) -> None:
-        self._put = put
+    def __init__(self, codec: type[Codec], puts: Sequence[Put]) -> None:
+        self._encode, self._puts = codec.encode, puts
         self._sequence = numbers(1)
 
     def header(self, session_id: int, now_ns: int) -> Header:
@@ -40,7 +45,26 @@ class Publisher:
         return {"session_id": session_id, "sequence": next(self._sequence), "stamp_ns": now_ns}
 
     def send(self, message: Message) -> None:
-        self._put(encode(message))
+        payload = self._encode(message)
+        for put in self._puts:
+            put(payload)
+
+
+def observed(
+    topic: Topic[M], payload: bytes, receive_ns: int, codec: type[Codec] = Codec
+) -> list[tuple[M, int]]:
+    """What an observer hears under the key of a topic: each message, and when it was received.
+
+    The last one of a batch now, the others so much before as they were sent before it.
+
+    Raises:
+        CodecError: the bytes are none.
+    """
+    if not topic.batched:
+        return [(codec.decode(topic.message, payload), receive_ns)]
+    messages = codec.decode_batch(topic.message, payload)
+    last_ns = max((message.stamp_ns for message in messages), default=0)
+    return [(each, receive_ns - min(last_ns - each.stamp_ns, _MOST_BATCHED_NS)) for each in messages]
 
 
 class Bus:
@@ -57,27 +81,42 @@ class Bus:
     def __init__(
         self, transport: Transport, cell: str, axis: str, clock: Clock, rings: Rings | None = None
     ) -> None:
-        self._transport = transport
+        self._transport, self._codec = transport, transport.codec
         self._rings = rings
         self._cell, self._axis = cell, axis
         self._clock = clock
+        self._batches: list[tuple[list[bytes], Put]] = []
+        self._batched_ns = 0
         self.malformed: Counter[str] = Counter()
         self.counters: Counter[str] = Counter()
 
     def publisher(self, topic: Topic[Message]) -> Publisher:
+        """What of a batched topic the other end takes is put at once, the batch by `end_batches`."""
         assert topic.published, topic.name
         key = topic.key(self._cell, self._axis)
-        put = self._transport.publisher(key, topic.qos)
-        return Publisher(put if self._rings is None else self._recorded(put, self._rings.ring(key)))
+        puts: list[Put] = []
+        if self._rings is not None:
+            add, now_ns = self._rings.ring(key).add, self._clock.now_ns
+            puts.append(lambda payload: add((now_ns(), payload)))
+        if topic.batched:
+            batch: list[bytes] = []
+            self._batches.append((batch, self._transport.publisher(key, Qos.STATE)))
+            puts.append(batch.append)
+        if topic.crosses or not topic.batched:
+            taken = topic.taken_key(self._cell, self._axis)
+            puts.insert(0, self._transport.publisher(taken, topic.qos))
+        return Publisher(self._codec, puts)
 
-    def _recorded(self, put: Put, ring: FlightRing) -> Put:
-        add, now_ns = ring.add, self._clock.now_ns
-
-        def send(payload: bytes) -> None:
-            add((now_ns(), payload))
-            put(payload)
-
-        return send
+    def end_batches(self, now_ns: int, last: bool = False) -> None:
+        """Puts what is gathered for observers, when it is time; from the loop that sends it, at each tick."""
+        if now_ns - self._batched_ns < BATCH_NS and not last:
+            return
+        self._batched_ns = now_ns
+        for batch, put in self._batches:
+            if batch:
+                payload = self._codec.encode_batch(batch)
+                batch.clear()
+                put(payload)
 
     def subscribe(
         self,
@@ -88,7 +127,35 @@ class Bus:
         """Calls `handler(message, receive_ns)` for each well-formed message; others are counted, and
         `on_malformed` is called.
         """
-        kind, name, malformed = topic.message, topic.name, self.malformed
+        self._transport.subscribe(*self._received(topic, handler, on_malformed))
+
+    def polled(self, topic: Topic[M], handler: Callable[[M, int], None]) -> Poll:
+        """The same by what is returned, for a loop to call; of what came since its last tick in the order in
+        which it was sent, for several connections bring it.
+        """
+        waiting: list[tuple[M, int]] = []
+        take = self._transport.polled(
+            *self._received(topic, lambda message, receive_ns: waiting.append((message, receive_ns)))
+        )
+
+        def poll() -> None:
+            take()
+            if len(waiting) > 1:
+                waiting.sort(key=_sequence)
+            for message, receive_ns in waiting:
+                handler(message, receive_ns)
+            waiting.clear()
+
+        return poll
+
+    def _received(
+        self,
+        topic: Topic[M],
+        handler: Callable[[M, int], None],
+        on_malformed: Callable[[], None] | None = None,
+    ) -> tuple[str, Handler]:
+        """The key of a topic, and what takes its payloads."""
+        kind, name, malformed, decode = topic.message, topic.name, self.malformed, self._codec.decode
         key = topic.key(self._cell, self._axis)
         received = None if self._rings is None else self._rings.ring(key).received
 
@@ -104,7 +171,7 @@ class Bus:
                 return
             handler(message, receive_ns)
 
-        self._transport.subscribe(key, receive)
+        return topic.taken_key(self._cell, self._axis), receive
 
     @property
     def refused(self) -> Mapping[str, int]:
@@ -114,3 +181,7 @@ class Bus:
         counted = list(self.malformed.items())  # at once: the transport's threads go on counting
         malformed = {f"malformed_{name.replace('/', '_')}": n for name, n in counted}
         return {**self.counters, **self.refused, **malformed}
+
+
+def _sequence(received: tuple[Message, int]) -> int:
+    return received[0].sequence

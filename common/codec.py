@@ -7,7 +7,7 @@ Every byte string that is not a message gives one `CodecError`, nothing else.
 from collections.abc import Sequence
 from functools import cache
 from types import UnionType
-from typing import Annotated, Any, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, TypeVar, Union, cast, get_args, get_origin, get_type_hints
 
 import msgpack
 import msgspec
@@ -25,6 +25,7 @@ MOST_BATCHED = 256
 M = TypeVar("M", bound=Message)
 _set = object.__setattr__
 _RULES = "ge", "le", "min_length", "max_length", "pattern"
+_ARRAY = b"\xdd"  # of msgpack, with 32 bits of length
 _REFUSED = (msgspec.DecodeError, ValueError, RecursionError)
 
 
@@ -53,15 +54,17 @@ def decode(kind: type[M], payload: bytes) -> M:
 def encode_batch(payloads: list[bytes]) -> bytes:
     """Several messages of one type as one array."""
     size = len(payloads)
-    return b"\xdd" + size.to_bytes(4, "big") + b"".join(payloads)
+    return _ARRAY + size.to_bytes(4, "big") + b"".join(payloads)
 
 
 def decode_batch(kind: type[M], payload: bytes) -> list[M]:
-    """The messages that an array holds, at most `MOST_BATCHED`.
+    """The messages that an array holds, at most `MOST_BATCHED`; or the one that stands alone.
 
     Raises:
         CodecError: one of them is none, or there are more.
     """
+    if payload[:1] != _ARRAY:
+        return [decode(kind, payload)]
     try:
         batch = _batch_decoder(kind).decode(payload)
     except _REFUSED as error:
@@ -130,3 +133,34 @@ def _type(hint: Any, most_items: int, rules: Sequence[Any] = ()) -> Any:  # noqa
         types = tuple(each if each is ... else _type(each, most_items) for each in inner)
         hint = origin[types]
     return Annotated[hint, msgspec.Meta(**told)] if told else hint
+
+
+class Codec:
+    """What goes over a transport for messages: bytes."""
+
+    encode = staticmethod(encode)
+    decode = staticmethod(decode)
+    encode_batch = staticmethod(encode_batch)
+    decode_batch = staticmethod(decode_batch)
+
+
+class Objects(Codec):
+    """The messages themselves, within one process: nothing is written or read, and no range is looked at."""
+
+    @staticmethod
+    def encode(message: Message) -> bytes:
+        return cast("bytes", message)
+
+    @staticmethod
+    def decode(kind: type[M], payload: bytes) -> M:
+        del kind
+        return cast("M", payload)
+
+    @staticmethod
+    def encode_batch(payloads: list[bytes]) -> bytes:
+        return cast("bytes", tuple(payloads))
+
+    @staticmethod
+    def decode_batch(kind: type[M], payload: bytes) -> list[M]:
+        del kind
+        return list(cast("tuple[M, ...]", payload))

@@ -45,6 +45,11 @@ class Topic(Generic[M_co]):
     ordered: bool = False
 
     @property
+    def batched(self) -> bool:
+        """Whether observers hear it in batches, for it costs them less; see `direct`."""
+        return self.qos is Qos.STREAM and self.published
+
+    @property
     def takes_turns(self) -> bool:
         """Whether it may go over any of several connections to the other end."""
         return self.crosses and self.published and not self.ordered
@@ -52,6 +57,11 @@ class Topic(Generic[M_co]):
     def key(self, cell: str, axis: str) -> str:
         """The Zenoh key expression of this topic for one axis of one cell."""
         return f"forefeel/{cell}/{axis}/{self.name}"
+
+    def taken_key(self, cell: str, axis: str) -> str:
+        """The one under which the other end takes it, see `direct`."""
+        key = self.key(cell, axis)
+        return direct(key) if self.batched else key
 
 
 COMMAND = Topic("master/command", m.MotionCommand, "master", 1000, Qos.STREAM, 0.060)
@@ -90,11 +100,19 @@ RECORDED = tuple(topic for topic in TOPICS if topic.recorded)
 PUBLISHED = tuple(topic for topic in TOPICS if topic.published)
 
 
-def numbered(number: int | str, key: str) -> str:
-    """`key` as it goes over the connection of that number; "*" for all of them.
+def direct(key: str) -> str:
+    """Where the other end takes a batched topic, message by message; under `key` observers hear the batches.
 
     It is outside `forefeel/`, so that nobody who watches a cell hears a message twice.
     """
+    return f"{_DIRECT}{key}"
+
+
+_DIRECT = "direct/"
+
+
+def numbered(number: int | str, key: str) -> str:
+    """`key` as it goes over the connection of that number; "*" for all of them. Outside `forefeel/`, too."""
     return f"connection/{number}/{key}"
 
 
@@ -115,9 +133,17 @@ def checked_segment(text: str, what: str) -> str:
 @lru_cache(maxsize=1024)
 def parse_key(key: str) -> tuple[str, str, Topic[m.Message]] | None:
     """(cell, axis, topic) of a concrete key, or None when it is not one of ours."""
-    parts = key.split("/", 3)
+    parts = key.removeprefix(_DIRECT).split("/", 3)
     if len(parts) != 4 or parts[0] != "forefeel" or parts[3] not in BY_NAME:
         return None
     if not (_SEGMENT.fullmatch(parts[1]) and _SEGMENT.fullmatch(parts[2])):
         return None
     return parts[1], parts[2], BY_NAME[parts[3]]
+
+
+def crossing(key: str) -> Topic[m.Message] | None:
+    """The topic of a key that the other end takes; None where observers alone hear it, or nobody."""
+    parsed = parse_key(key)
+    if parsed is None or not parsed[2].crosses or (parsed[2].batched and not key.startswith(_DIRECT)):
+        return None
+    return parsed[2]

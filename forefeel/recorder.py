@@ -10,8 +10,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from forefeel.common.bus import observed
 from forefeel.common.clock import MonotonicClock
-from forefeel.common.errors import RunError
+from forefeel.common.errors import CodecError, RunError
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.runtime.service_manager import service_watchdog
 from forefeel.common.runtime.threads import in_thread
@@ -143,8 +144,15 @@ class Recorder:
     def _write_batch(self) -> None:
         for key, payload, receive_ns in self._queue.drain():
             parsed = parse_key(key)
-            if parsed is not None and parsed[2].recorded:
-                self._writer.write(key, payload, receive_ns)
+            if parsed is None or not parsed[2].recorded:
+                continue
+            try:
+                heard = observed(parsed[2], payload, receive_ns)
+            except CodecError:
+                self._writer.malformed += 1
+                continue
+            for message, message_ns in heard:
+                self._writer.write_message(key, message, message_ns)
 
 
 def run_record(

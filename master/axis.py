@@ -39,7 +39,8 @@ from forefeel.master.stop import StopRequest
 class MasterAxis:
     """Hand in, commands out; late forces in, felt force out.
 
-    Threads: `_on_*` run where the transport delivers; `tick` in the haptic loop; the rest on asyncio.
+    Threads: `tick` and `_on_force` run in the haptic loop; the other `_on_*` where the transport delivers;
+    the rest on asyncio.
     """
 
     def __init__(  # noqa: PLR0913, PLR0917 - who it is, what it works with, where it is written down
@@ -91,7 +92,7 @@ class MasterAxis:
         self._state: Publisher = bus.publisher(topics.MASTER_STATE)
         self._handshake: Publisher = bus.publisher(topics.MASTER_HANDSHAKE)
         self._estop: Publisher = bus.publisher(topics.EMERGENCY_STOP)
-        bus.subscribe(topics.FORCE, self._on_force)
+        self._take_forces = bus.polled(topics.FORCE, self._on_force)
         bus.subscribe(topics.SLAVE_STATE, self._on_state)
         bus.subscribe(topics.SLAVE_HANDSHAKE, self._on_handshake)
         bus.subscribe(topics.SLAVE_HEARTBEAT, self._on_heartbeat)
@@ -143,6 +144,7 @@ class MasterAxis:
 
     def tick(self, now_ns: int) -> None:
         """One haptic tick: read, command, predict, render."""
+        self._take_forces()
         state, stage_position_m, force = self._shown_state(now_ns), self._stage_position_m, self._force
         self.handle.show(Indication(state, stage_position_m))
         reading = self._hand.read(now_ns)
@@ -161,6 +163,7 @@ class MasterAxis:
         self._deadman = held and not self.stop.wanted
         if self.session.state is SessionState.OPEN:
             self._publish(now_ns, outputs._replace(rendered_n=rendered_n), reading.position_m, force)
+        self._bus.end_batches(now_ns)
 
     def _standing(self, now_ns: int) -> tuple[Standing, str]:
         if self._failed:
@@ -244,6 +247,7 @@ class MasterAxis:
     def flush(self, now_ns: int) -> None:
         """Publishes and writes down what was gathered and not said yet; at the end, after the loop."""
         try:
+            self._bus.end_batches(now_ns, last=True)
             self._publish_events(now_ns, last=True)
         finally:  # a link that is broken keeps nothing out of the event log
             self.events.write(dict(self._bus.malformed), now_ns, last=True)

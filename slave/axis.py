@@ -36,7 +36,8 @@ _EXACT_M = 1e-9  # a drive that applies a setpoint to the nanometre did not chan
 class SlaveAxis:
     """Commands in, motion and forces out.
 
-    Threads: `_on_*` run where the transport delivers; `tick` in the control loop; the rest on asyncio.
+    Threads: `tick` takes the commands and runs in the control loop; `_on_*` where the transport delivers;
+    the rest on asyncio.
     """
 
     def __init__(
@@ -73,7 +74,7 @@ class SlaveAxis:
     def _connect(self, bus: Bus) -> None:
         self._forces = ForcePublisher(bus.publisher(topics.FORCE))
         self._state: Publisher = bus.publisher(topics.SLAVE_STATE)
-        bus.subscribe(topics.COMMAND, self._receiver.on_command)
+        self._take_commands = bus.polled(topics.COMMAND, self._receiver.on_command)
         bus.subscribe(topics.EMERGENCY_STOP, self._on_estop, self._on_garbled_estop)
 
     # --- where the transport delivers ---
@@ -168,8 +169,9 @@ class SlaveAxis:
         self._watch.close()
 
     def tick(self, now_ns: int) -> None:
-        """One control tick: read, decide, move, answer."""
+        """One control tick: take the commands, read, decide, move, answer."""
         assert self._control is not None, "open() comes first"
+        self._take_commands()
         cleared = self._clear.take() is not None
         if cleared:
             self._watch.rearm()
@@ -188,6 +190,7 @@ class SlaveAxis:
         self._changed(now_ns, outputs.transitions)
         for hit in outputs.limits:
             self.events.limit(hit)
+        self._bus.end_batches(now_ns)
 
     def settle(self, now_ns: int) -> None:
         """Heeds the stop and the fault that wait for a tick; only ever called when none follows."""
@@ -250,6 +253,8 @@ class SlaveAxis:
             if reason is not None:
                 self._session.release(now_ns, reason)
             self.events.publish(self._session.holder, now_ns, last)
+            if last:
+                self._bus.end_batches(now_ns, last)
         finally:  # what can not be published is written down all the same
             if not self._session.live(now_ns):
                 self.events.session_lost(self._session.lost_reason, now_ns)

@@ -1,7 +1,6 @@
-"""What becomes of a command where the transport delivers it: admitted or refused, and the newest one kept."""
+"""What becomes of a command that the control loop takes: admitted or refused, and the newest one kept."""
 
 from collections import Counter
-from threading import Lock
 from typing import NamedTuple
 
 from forefeel.common.events.axis import AxisEvents
@@ -37,27 +36,21 @@ class CommandSlot:
     """Keeps the newest command; one that was never taken is counted as superseded, but its release stays."""
 
     def __init__(self) -> None:
-        self._lock = Lock()
         self._taken = _NOTHING
         self.superseded = 0
 
     def put(self, command: MotionCommand, receive_ns: int) -> None:
-        with self._lock:
-            waiting = self._taken
-            self.superseded += waiting.command is not None
-            self._taken = Taken((command, receive_ns), waiting.released or not command.deadman)
+        waiting = self._taken
+        self.superseded += waiting.command is not None
+        self._taken = Taken((command, receive_ns), waiting.released or not command.deadman)
 
     def take(self) -> Taken:
-        if self._taken is _NOTHING:
-            return _NOTHING
-        with self._lock:
-            taken, self._taken = self._taken, _NOTHING
+        taken, self._taken = self._taken, _NOTHING
         return taken
 
 
 class CommandReceiver:
-    """The gate and the slot behind it. `on_command` runs where the transport delivers, `take` in the control
-    loop.
+    """The gate and the slot behind it, both in the control loop.
 
     Attributes:
         counters: refusals by rule.

@@ -15,6 +15,7 @@ from typing import Any, Self, TypeVar
 
 import yaml
 
+from forefeel.common.bus import observed
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.codec import decode
 from forefeel.common.messages import Message, SafetyEvent, SafetyState, SlaveState
@@ -216,7 +217,7 @@ class LiveCell:
 
     def newest(self, topic: Topic[M]) -> M:
         """The newest message of a topic."""
-        return decode(topic.message, self.heard[topic.key(CELL, AXIS)][-1].payload)
+        return self.since(topic, 0)[-1]
 
     def newest_state(self) -> tuple[int, SlaveState] | None:
         """(when it was received, state of the slave)."""
@@ -226,7 +227,8 @@ class LiveCell:
     def since(self, topic: Topic[M], stamp_ns: int) -> list[M]:
         """The messages of a topic that were received since."""
         heard = list(self.heard[topic.key(CELL, AXIS)])
-        return [decode(topic.message, each.payload) for each in heard if each.stamp_ns >= stamp_ns]
+        messages = [one for each in heard for one in observed(topic, each.payload, each.stamp_ns)]
+        return [message for message, received_ns in messages if received_ns >= stamp_ns]
 
     def messages(self, topic: Topic[M]) -> list[M]:
         """All that was received of a topic."""

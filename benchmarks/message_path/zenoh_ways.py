@@ -19,7 +19,7 @@ from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 
 _CELL, _AXIS = "cell", "bench"
-_THERE, _HERE = COMMAND.key(_CELL, _AXIS), FORCE.key(_CELL, _AXIS)
+_THERE, _HERE = COMMAND.taken_key(_CELL, _AXIS), FORCE.taken_key(_CELL, _AXIS)
 _CLOCK = MonotonicClock()
 
 

@@ -126,7 +126,8 @@ class RunWriter:
         cell, axis, topic = parsed
         metadata = {"cell": cell, "axis": axis}
         channel = _Channel(
-            self._mcap.register_channel(key, "json", self._schema(topic), metadata), topic.message
+            self._mcap.register_channel(topic.key(cell, axis), "json", self._schema(topic), metadata),
+            topic.message,
         )
         self._channels[key] = channel
         return channel

@@ -1,15 +1,26 @@
 """Puts an impairment between a daemon and any transport, and records what it did to each message."""
 
+import heapq
 import threading
 from collections import deque
 from collections.abc import Callable, Mapping
 from functools import partial
+from itertools import count
 from typing import NamedTuple
 
 from forefeel.common.clock import Clock
-from forefeel.common.topics import Qos, parse_key
+from forefeel.common.settings import TICK_NS
+from forefeel.common.topics import Qos, crossing, parse_key
 from forefeel.common.transport.impairment import ImpairedLink
-from forefeel.common.transport.port import Handler, KeyedHandler, Put, Timers, Transport
+from forefeel.common.transport.port import (
+    MOST_POLLED,
+    Handler,
+    KeyedHandler,
+    Poll,
+    Put,
+    Timers,
+    Transport,
+)
 
 # messages of a link until the trace is drained, which is ten times a second: 65 s at 1 kHz
 _TRACE_CAPACITY = 65_536
@@ -26,16 +37,15 @@ class TraceChunk(NamedTuple):
 
 def crosses(key: str) -> bool:
     """Whether the other end consumes this key; what is published for the recorder only is not impaired."""
-    known = parse_key(key)
-    return known is None or known[2].crosses
+    return parse_key(key) is None or crossing(key) is not None
 
 
 class ImpairedTransport:
     """A transport whose payloads are lost, delayed, duplicated as an `ImpairedLink` of each direction plans.
 
     One state per direction, for all keys that cross to the other end. Outbound payloads are put late,
-    inbound ones are handed over late, on the timers' thread, and stamped then. A direction whose link is
-    None costs nothing.
+    inbound ones are handed over late and stamped then: on the timers' thread, or where they are polled at the
+    poll next to that stamp, a little before or after it. A direction whose link is None costs nothing.
 
     A recorder has a session of its own and sees what is put: outbound impairment comes before its eyes,
     inbound impairment behind its back. So inject inbound where the recording shall hold everything that was
@@ -50,7 +60,7 @@ class ImpairedTransport:
         inbound: ImpairedLink | None,
         outbound: ImpairedLink | None,
     ) -> None:
-        self._inner = inner
+        self._inner, self.codec = inner, inner.codec
         self._now_ns = clock.now_ns
         self._inbound = None if inbound is None else _Lane("inbound", inbound, timers, clock)
         self._outbound = None if outbound is None else _Lane("outbound", outbound, timers, clock)
@@ -72,6 +82,28 @@ class ImpairedTransport:
         now_ns = self._now_ns
         receive = lane.guarded(lambda payload: handler(payload, now_ns()))
         self._inner.subscribe(key, lambda payload, _: lane.carry(partial(receive, payload)))
+
+    def polled(self, key: str, handler: Handler, most: int = MOST_POLLED) -> Poll:
+        lane = self._inbound
+        if lane is None or not crosses(key):
+            return self._inner.polled(key, handler, most)
+        now_ns, order, waiting = self._now_ns, count(), list[tuple[int, int, bytes]]()
+
+        def wait(payload: bytes, receive_ns: int) -> None:
+            for delay_ns in lane.delays_ns(receive_ns):
+                heapq.heappush(waiting, (receive_ns + delay_ns, next(order), payload))
+
+        arrived = self._inner.polled(key, wait, most)
+
+        def poll() -> None:
+            arrived()
+            stamp_ns = now_ns()
+            for _ in range(most):
+                if lane.closed or not waiting or waiting[0][0] > stamp_ns + TICK_NS // 2:
+                    return
+                handler(heapq.heappop(waiting)[2], stamp_ns)
+
+        return poll
 
     def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:
         """Delivers what other sessions put to `prefix` or below it, never impaired: this is for observers."""
@@ -113,7 +145,7 @@ class _Lane:
         self._call_at = timers.call_at
         self._now_ns = clock.now_ns
         self._lock = threading.Lock()
-        self._closed = False
+        self.closed = False
         self._messages = 0
         self._trace: deque[tuple[int, ...]] = deque(maxlen=_TRACE_CAPACITY)
         self.lost = 0
@@ -122,7 +154,7 @@ class _Lane:
         """`deliver` that does nothing any more once the lane is closed."""
 
         def arrive(payload: bytes) -> None:
-            if not self._closed:
+            if not self.closed:
                 deliver(payload)
 
         return arrive
@@ -130,15 +162,23 @@ class _Lane:
     def carry(self, deliver: Callable[[], None]) -> None:
         """Schedules `deliver` as often and as late as the link plans."""
         with self._lock:
-            if self._closed:
-                return
             now_ns = self._now_ns()
-            delays_ns = self._link.plan(now_ns)
-            self._messages += 1
-            self.lost += len(self._trace) == _TRACE_CAPACITY
-            self._trace.append(delays_ns)
-            for delay_ns in delays_ns:
+            for delay_ns in self._planned_ns(now_ns):
                 self._call_at(now_ns + delay_ns, deliver)
+
+    def delays_ns(self, now_ns: int) -> tuple[int, ...]:
+        """What the link plans for a payload that came at `now_ns`; nothing once the lane is closed."""
+        with self._lock:
+            return self._planned_ns(now_ns)
+
+    def _planned_ns(self, now_ns: int) -> tuple[int, ...]:
+        if self.closed:
+            return ()
+        delays_ns = self._link.plan(now_ns)
+        self._messages += 1
+        self.lost += len(self._trace) == _TRACE_CAPACITY
+        self._trace.append(delays_ns)
+        return delays_ns
 
     def drain(self) -> list[TraceChunk]:
         with self._lock:
@@ -150,4 +190,4 @@ class _Lane:
         ]
 
     def close(self) -> None:
-        self._closed = True
+        self.closed = True

@@ -13,16 +13,16 @@ ends with a single connection, hear the plain key.
 
 import threading
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from typing import Self
 
 from forefeel.common.clock import Clock
-from forefeel.common.messages import Message
+from forefeel.common.codec import Codec
 from forefeel.common.runtime.threads import in_thread
-from forefeel.common.topics import EMERGENCY_STOP, Qos, Topic, numbered, parse_key
-from forefeel.common.transport.port import Handler, KeyedHandler, OnFault, Put
+from forefeel.common.topics import EMERGENCY_STOP, Qos, crossing, numbered
+from forefeel.common.transport.port import MOST_POLLED, Handler, KeyedHandler, OnFault, Poll, Put
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import MOST_CONNECTIONS, TransportSettings
 from forefeel.common.transport.zenoh_bus import Publication, ZenohTransport
@@ -42,6 +42,8 @@ class ParallelTransport:
     Attributes:
         notice: what the user must be told loudly about this transport, or empty.
     """
+
+    codec = Codec
 
     def __init__(self, connecting: Sequence[ZenohTransport], listening: ZenohTransport | None) -> None:
         self._connecting = tuple(connecting)
@@ -80,7 +82,7 @@ class ParallelTransport:
 
     def publisher(self, key: str, qos: Qos) -> Put:
         """What takes turns goes over the next connection that is heard, anything else over the first."""
-        topic = _topic(key)
+        topic = crossing(key)
         if topic is None or not topic.takes_turns:
             return _all_of([session.publisher(key, qos) for session in self._plain])
         publications = [session.publication(key, qos) for session in self._connecting]
@@ -112,15 +114,34 @@ class ParallelTransport:
             with serial:
                 handler(payload, receive_ns)
 
-        topic = _topic(key)
-        heard_plain: tuple[ZenohTransport, ...] = self._plain
+        for session, heard in self._heard(key):
+            session.subscribe(heard, deliver)
+
+    def polled(self, key: str, handler: Handler, most: int = MOST_POLLED) -> Poll:
+        """Of each connection its share of `most`, and one at least."""
+        heard = tuple(self._heard(key))
+        share = max(1, most // len(heard))
+        polls = [session.polled(name, handler, share) for session, name in heard]
+        if len(polls) == 1:
+            return polls[0]
+
+        def poll() -> None:
+            for each in polls:
+                each()
+
+        return poll
+
+    def _heard(self, key: str) -> Iterator[tuple[ZenohTransport, str]]:
+        """The sessions that subscribe to a key, and how it is called there."""
+        topic = crossing(key)
+        plain: tuple[ZenohTransport, ...] = self._plain
         if topic is not None and topic.takes_turns and len(self._connecting) > 1:
             for number, session in enumerate(self._connecting):
-                session.subscribe(numbered(number, key), deliver)
+                yield session, numbered(number, key)
             # A stop may come from anyone, and who only watches has a single connection.
-            heard_plain = self._plain if topic is EMERGENCY_STOP else self._listening
-        for session in heard_plain:
-            session.subscribe(key, deliver)
+            plain = self._plain if topic is EMERGENCY_STOP else self._listening
+        for session in plain:
+            yield session, key
 
     def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:
         serial = threading.Lock()
@@ -179,11 +200,6 @@ class _Turns:
             self._next += 1
             heard[self._next % len(heard)](payload)
         return bool(heard)
-
-
-def _topic(key: str) -> Topic[Message] | None:
-    parsed = parse_key(key)
-    return None if parsed is None else parsed[2]
 
 
 def _all_of(puts: Sequence[Put]) -> Put:

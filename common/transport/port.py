@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
+from forefeel.common.codec import Codec
 from forefeel.common.topics import Qos
 
 Handler = Callable[[bytes, int], None]
@@ -20,6 +21,11 @@ Put = Callable[[bytes], None]
 Does nothing after `close`.
 """
 
+Poll = Callable[[], None]
+"""Hands over what waits, oldest first, on the calling thread; at most so many payloads as was agreed."""
+MOST_POLLED = 32
+"""A tick of 1 ms takes so many of a backlog or a flood: some 0.2 ms. The link brings one."""
+
 OnFault = Callable[[Exception], None]
 """Takes an exception that reached the edge of one of our threads to the safety state; never raises."""
 
@@ -27,8 +33,11 @@ OnFault = Callable[[Exception], None]
 class Transport(Protocol):
     """Delivers payloads to the subscribers of the same key, or loses them; never blocks a STREAM publisher.
 
-    Never delivers to the session that put.
+    Never delivers to the session that put. `codec`: what its payloads are.
     """
+
+    @property
+    def codec(self) -> type[Codec]: ...
 
     def publisher(self, key: str, qos: Qos) -> Put:
         """Declares a publisher once; its `Put` is then cheap to call."""
@@ -36,6 +45,12 @@ class Transport(Protocol):
 
     def subscribe(self, key: str, handler: Handler) -> None:
         """Calls `handler` for each payload put to `key` by another session."""
+        ...
+
+    def polled(self, key: str, handler: Handler, most: int = MOST_POLLED) -> Poll:
+        """Like `subscribe`, without a thread: `handler` is called by what is returned, for a fixed-rate loop
+        that takes what has come since its last tick; at most `most` payloads at once.
+        """
         ...
 
     def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:

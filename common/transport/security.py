@@ -11,7 +11,7 @@ from typing import Literal, get_args
 
 from forefeel.common.codec import MAX_MESSAGE_BYTES
 from forefeel.common.messages import Message
-from forefeel.common.topics import PUBLISHED, Topic, numbered
+from forefeel.common.topics import PUBLISHED, Topic, direct, numbered
 
 PartyRole = Literal["slave", "master", "recorder", "viewer", "router"]
 ROLES: tuple[PartyRole, ...] = get_args(PartyRole)
@@ -131,7 +131,7 @@ def _rules(own: PartyRole, remote: PartyRole, cell: str) -> _Allowed:
     through = remote == "router"
     heard = [topic for topic in PUBLISHED if hears(own, topic) and (through or publishes(remote, topic))]
     told = [topic for topic in PUBLISHED if publishes(own, topic) and (through or hears(remote, topic))]
-    asked = [_whole(cell), numbered("*", _whole(cell))] if through else _subscriptions(remote, cell)
+    asked = _every(cell) if through else _subscriptions(remote, cell)
     ends = through or {own, remote} == {"slave", "master"}
     return _flows(
         ingress_put=_keys(heard, cell, ends),
@@ -150,7 +150,7 @@ def _router_rules(remote: PartyRole, cell: str) -> _Allowed:
         ingress_put=_keys(told, cell, end),
         egress_put=_keys(heard, cell, end),
         ingress_declare_subscriber=_subscriptions(remote, cell),
-        egress_declare_subscriber=[_whole(cell), numbered("*", _whole(cell))] if told else [],
+        egress_declare_subscriber=_every(cell) if told else [],
     )
 
 
@@ -164,14 +164,23 @@ def _subscriptions(role: PartyRole, cell: str) -> list[str]:
     """The key expressions that a role may declare; an observer's single one stands for all topics."""
     if role in {"recorder", "viewer"}:
         return [_whole(cell)]
-    return _keys([topic for topic in PUBLISHED if hears(role, topic)], cell, parallel=True)
+    return _keys([topic for topic in PUBLISHED if hears(role, topic)], cell, ends=True)
 
 
-def _keys(topics: Iterable[Topic[Message]], cell: str, parallel: bool) -> list[str]:
-    """Of the topics; with those of parallel connections where both parties are ends of the cell."""
-    found = [(topic, topic.key(cell, "*")) for topic in topics]
-    also = [numbered("*", key) for topic, key in found if parallel and topic.takes_turns]
-    return [key for _, key in found] + also
+def _keys(topics: Iterable[Topic[Message]], cell: str, ends: bool) -> list[str]:
+    """Of the topics; with what goes directly, and in turns, where both parties are ends of the cell."""
+    found = list(topics)
+    keys = [topic.key(cell, "*") for topic in found]
+    if ends:
+        keys += [topic.taken_key(cell, "*") for topic in found if topic.crosses and topic.batched]
+        keys += [numbered("*", topic.taken_key(cell, "*")) for topic in found if topic.takes_turns]
+    return keys
+
+
+def _every(cell: str) -> list[str]:
+    """What the ends and the observers of a cell subscribe to."""
+    whole = _whole(cell)
+    return [whole, direct(whole), numbered("*", whole), numbered("*", direct(whole))]
 
 
 def _whole(cell: str) -> str:

@@ -12,12 +12,13 @@ import zenoh
 from zenoh import CongestionControl, Locality, Priority, Reliability
 
 from forefeel.common.clock import Clock, now_utc
+from forefeel.common.codec import Codec
 from forefeel.common.errors import EndpointError, NoRouterError, RunError
 from forefeel.common.topics import Qos
 from forefeel.common.transport.endpoints import check_endpoint, explain
 from forefeel.common.transport.exposure import check_exposure
 from forefeel.common.transport.pki import read_identity
-from forefeel.common.transport.port import Handler, KeyedHandler, OnFault, Put
+from forefeel.common.transport.port import MOST_POLLED, Handler, KeyedHandler, OnFault, Poll, Put
 from forefeel.common.transport.security import Party, secured
 from forefeel.common.transport.settings import MOST_CONNECTIONS, TransportSettings
 from forefeel.common.transport.zenoh_config import Mode, configuration, secured_by_file
@@ -65,15 +66,17 @@ class Publication:
 class ZenohTransport:
     """One Zenoh session. See the port for the contract.
 
-    Each subscription has a thread of its own that empties a ring of samples and calls the handler. Zenoh's
-    own callbacks and channels block the session when one of them lags: a slow handler would hold up every
-    other topic, commands included. Here it loses the oldest of its own samples (seen as a gap in their
-    sequence) and holds up nobody.
+    Each subscription has a ring of samples, and a thread of its own that empties it and calls the handler,
+    unless it is polled. Zenoh's own callbacks and channels block the session when one of them lags: a slow
+    handler would hold up every other topic, commands included. Here it loses the oldest of its own samples
+    (seen as a gap in their sequence) and holds up nobody.
 
     Attributes:
         handler_faults: exceptions that handlers raised; each went to `on_fault`.
         notice: what the user must be told loudly about this session, or empty.
     """
+
+    codec = Codec
 
     def __init__(self, session: zenoh.Session, clock: Clock, on_fault: OnFault) -> None:
         self._session = session
@@ -151,6 +154,22 @@ class ZenohTransport:
     def subscribe(self, key: str, handler: Handler) -> None:
         self._receive(key, lambda sample: handler(sample.payload.to_bytes(), self._now_ns()))
 
+    def polled(self, key: str, handler: Handler, most: int = MOST_POLLED) -> Poll:
+        subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(_WAITING_SAMPLES))
+        self._declared.enter_context(subscriber)
+        take, now_ns = subscriber.handler.try_recv, self._now_ns
+
+        def receive(sample: zenoh.Sample) -> None:
+            handler(sample.payload.to_bytes(), now_ns())
+
+        def poll() -> None:
+            for _ in range(most):
+                if self._closed or (sample := take()) is None:
+                    return
+                self._deliver(sample, receive)
+
+        return poll
+
     def subscribe_all(self, prefix: str, handler: KeyedHandler, waiting: int = WAITING_OBSERVED) -> None:
         """Delivers what other sessions put to `prefix` or below it; of more than `waiting` the newest."""
         self._receive(
@@ -198,14 +217,17 @@ class ZenohTransport:
         for sample in samples:
             if self._closed:
                 return
-            if "*" in str(sample.key_expr):  # Zenoh delivers a put to `forefeel/**` to each of us
-                self._refused += 1
-                continue
-            try:
-                receive(sample)
-            except Exception as error:  # noqa: BLE001 - the edge of the thread
-                self.handler_faults += 1
-                self._on_fault(error)
+            self._deliver(sample, receive)
+
+    def _deliver(self, sample: zenoh.Sample, receive: _Receive) -> None:
+        if "*" in str(sample.key_expr):  # Zenoh delivers a put to `forefeel/**` to each of us
+            self._refused += 1
+            return
+        try:
+            receive(sample)
+        except Exception as error:  # noqa: BLE001 - the edge to the transport
+            self.handler_faults += 1
+            self._on_fault(error)
 
 
 def open_session(

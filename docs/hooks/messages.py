@@ -6,14 +6,17 @@ from docs.hooks.markdown import NOTE, code, prose, table
 from docs.hooks.units import unit_of
 from docs.hooks.values import default, values
 from forefeel.common import messages as m
+from forefeel.common.bus import BATCH_NS
 from forefeel.common.topics import TOPICS, Qos
 
 _HEAD = f"""{NOTE}
 # Messages and topics
 
 Every message on the network, from `common/topics.py` and `common/messages.py`; the wire is msgpack. A key
-expression is `forefeel/CELL/AXIS/TOPIC`. Messages are frozen: unknown fields, and numbers out of their range,
-are refused. A rotation axis uses the tangential equivalents
+expression is `forefeel/CELL/AXIS/TOPIC`. Topics of service `stream` stand there in arrays of what was sent in
+{BATCH_NS // 1_000_000} ms; the other end takes each message at once under `direct/forefeel/CELL/AXIS/TOPIC`
+([decision 0029](../decisions/0029-a-loop-takes-its-own-messages.md)). Messages are frozen: unknown fields,
+and numbers out of their range, are refused. A rotation axis uses the tangential equivalents
 ([decision 0003](../decisions/0003-rotation-as-tangential.md)).
 
 Protocol version {m.PROTOCOL_VERSION}.

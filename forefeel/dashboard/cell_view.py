@@ -2,7 +2,7 @@
 
 from collections import Counter
 
-from forefeel.common.codec import decode
+from forefeel.common.bus import observed
 from forefeel.common.errors import CodecError
 from forefeel.common.messages import Message
 from forefeel.common.topics import COMMAND, MASTER_HEARTBEAT, SLAVE_HEARTBEAT, Topic, parse_key
@@ -40,11 +40,12 @@ class CellView:
             self._hears(receive_ns)
             return
         try:
-            message = decode(topic.message, payload)
+            heard = observed(topic, payload, receive_ns)
         except CodecError:
             self.refused["malformed"] += 1
             return
-        self.take(axis, topic, message, receive_ns)
+        for message, message_ns in heard:
+            self.take(axis, topic, message, message_ns)
 
     def take(self, axis: str, topic: Topic[Message], message: Message, receive_ns: int) -> None:
         view = self.axes.get(axis)

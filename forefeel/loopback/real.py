@@ -7,12 +7,12 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from forefeel.common.codec import decode
+from forefeel.common.bus import M, observed
 from forefeel.common.errors import CodecError, RunError
 from forefeel.common.messages import FOLLOWING
-from forefeel.common.topics import COMMAND, SLAVE_STATE
+from forefeel.common.topics import COMMAND, SLAVE_STATE, Topic
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.interrupt import Stop, heeded
 from forefeel.loopback.child import Child, free_endpoints
@@ -125,14 +125,14 @@ def _watch(slave: Child, master: Child, recorder: "Recorder", plan: Plan, show: 
             return
         recorder.check()
         now_s = time.monotonic()
-        state = _newest(recorder, f"{key}/{SLAVE_STATE.name}", SLAVE_STATE.message)
+        state = _newest(recorder, f"{key}/{SLAVE_STATE.name}", SLAVE_STATE)
         if ready_s is None and state is not None and state.session_id:
             ready_s = now_s
         if ready_s is None and now_s - start_s > _START_S:
             raise RunError(f"no session between master and slave within {_START_S:g} s (see the logs)")
         done_s = 0.0 if ready_s is None else now_s - ready_s
         if plan.duration_s is None:
-            command = _newest(recorder, f"{key}/{COMMAND.name}", COMMAND.message)
+            command = _newest(recorder, f"{key}/{COMMAND.name}", COMMAND)
             done_s = (command.recording_time_s if command is not None else None) or 0.0
         show(done_s, state.state.value if state is not None else "starting")
         time.sleep(_POLL_S)
@@ -145,17 +145,17 @@ def _watch(slave: Child, master: Child, recorder: "Recorder", plan: Plan, show: 
 def _await_release(recorder: "Recorder", key: str) -> None:
     """The master's last word may still be on its way to the slave, which otherwise would count a stop."""
     for _ in range(int(_RELEASE_S / _POLL_S)):
-        state = _newest(recorder, key, SLAVE_STATE.message)
+        state = _newest(recorder, key, SLAVE_STATE)
         if state is None or state.state not in FOLLOWING:
             return
         time.sleep(_POLL_S)
 
 
-def _newest(recorder: "Recorder", key: str, kind: type[Any]) -> Any:  # noqa: ANN401 - the message of that key
+def _newest(recorder: "Recorder", key: str, topic: Topic[M]) -> M | None:
     payload = recorder.newest.get(key)
     try:
-        return None if payload is None else decode(kind, payload)
-    except CodecError:
+        return None if payload is None else observed(topic, payload, 0)[-1][0]
+    except (CodecError, IndexError):
         return None
 
 

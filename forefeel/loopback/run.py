@@ -145,7 +145,7 @@ def _run_virtual(plan: Plan, seed: int, path: Path, written: list[str], show: Sh
 
                 loop.run(look)
         finally:
-            if loop.payloads:
+            if loop.messages:
                 written.append(path.name)
             else:
                 path.unlink(missing_ok=True)

@@ -1,5 +1,5 @@
-"""Both daemons in virtual time: the same composition roots, codec, gates and impairment on the memory bus,
-bit for bit repeatable.
+"""Both daemons in virtual time: the same composition roots, gates and impairment on the memory bus, bit for
+bit repeatable.
 """
 
 import gc
@@ -8,6 +8,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from random import Random
 
+from forefeel.common.bus import observed
+from forefeel.common.codec import Codec, Objects
+from forefeel.common.messages import Message
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.runtime.virtual import VirtualRuntime
 from forefeel.common.topics import parse_key
@@ -25,13 +28,15 @@ class VirtualLoopback:
     """One run in virtual time.
 
     Attributes:
-        payloads: every recorded payload, (key, payload, stamp_ns), in the order in which it was put.
+        messages: every recorded one, (key, message, stamp_ns), in the order in which it was put.
     """
 
-    def __init__(self, plan: Plan, seed: int) -> None:
+    def __init__(self, plan: Plan, seed: int, codec: type[Codec] = Objects) -> None:
+        """`codec`: `Codec` to write and read bytes as over a network."""
         self.runtime = VirtualRuntime()
-        self.payloads: list[tuple[str, bytes, int]] = []
-        bus = MemoryBus()
+        self.messages: list[tuple[str, Message, int]] = []
+        bus = MemoryBus(codec)
+        self._codec = codec
         recorder = bus.session(self.runtime.clock)
         recorder.subscribe_all("forefeel", self._record)
         ids = Random(f"sessions {seed}")
@@ -53,7 +58,7 @@ class VirtualLoopback:
             progress((now_ns - start_ns) * 1e-9)
             return not self.master.finished
 
-        gc.disable()  # what is made stays, as recorded payloads: collecting would find nothing
+        gc.disable()  # what is made stays, as recorded messages: collecting would find nothing
         try:
             self.runtime.run(int(limit_s * _SECOND_NS), go_on)
             self._come_to_rest()
@@ -81,8 +86,8 @@ class VirtualLoopback:
             writer.add_metadata("run", self._plan.recorded())
 
             def write_on() -> None:
-                for key, payload, stamp_ns in self.payloads[writer.written + writer.malformed :]:
-                    writer.write(key, payload, stamp_ns)
+                for key, message, stamp_ns in self.messages[writer.written :]:
+                    writer.write_message(key, message, stamp_ns)
 
             try:
                 yield write_on
@@ -92,4 +97,5 @@ class VirtualLoopback:
     def _record(self, key: str, payload: bytes, receive_ns: int) -> None:
         parsed = parse_key(key)
         if parsed is not None and parsed[2].recorded:
-            self.payloads.append((key, payload, receive_ns))
+            heard = observed(parsed[2], payload, receive_ns, self._codec)
+            self.messages += [(key, message, message_ns) for message, message_ns in heard]

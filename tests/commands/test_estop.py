@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from forefeel.__main__ import main
+from forefeel.common.codec import Codec
 from forefeel.common.errors import RunError
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.folder import state_path
@@ -92,7 +93,7 @@ def test_stop_that_nobody_confirms_fails_loudly(
     class Silent:
         """A network on which nobody answers."""
 
-        notice = ""
+        notice, codec = "", Codec
 
         def publisher(self, *_: object) -> Callable[[bytes], None]:
             return lambda _: None

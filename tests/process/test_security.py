@@ -16,8 +16,9 @@ from forefeel.common.transport.zenoh_bus import ZenohTransport
 from tests.secured import CELL, Secured, expired_pki, free_endpoint, make_pki, sessions
 from tests.waiting import wait_until
 
-COMMANDED = COMMAND.key(CELL, "insertion")
-FORCED = FORCE.key(CELL, "insertion")
+COMMANDED = COMMAND.taken_key(CELL, "insertion")
+FORCED = FORCE.taken_key(CELL, "insertion")
+SHOWN = FORCE.key(CELL, "insertion")  # to observers
 STOPPED = EMERGENCY_STOP.key(CELL, "insertion")
 EVENTS = SAFETY_EVENT.key(CELL, "insertion")
 Heard = list[tuple[str, bytes]]
@@ -59,7 +60,7 @@ def sender(transport: ZenohTransport, key: str, payload: bytes) -> Callable[[], 
 
 def put_everything(session: zenoh.Session, who: str, cell: str = CELL) -> None:
     """On whatever might move the stage or deceive the master."""
-    keys = (COMMANDED, FORCED, STOPPED, EVENTS, "forefeel/**", "forefeel/*/insertion/master/command", "**")
+    keys = (COMMANDED, FORCED, SHOWN, STOPPED, EVENTS, "forefeel/**", "direct/forefeel/*/insertion/**", "**")
     for key in keys:
         session.put(key.replace(f"/{CELL}/", f"/{cell}/"), f"{who} at {key}")
     session.delete(COMMANDED)
@@ -113,14 +114,14 @@ def test_role_may_do_its_own_and_nothing_else(net: Secured, tmp_path: Path) -> N
     }
     keys = ("**", "forefeel/**", f"forefeel/{CELL}/**", FORCED)
     overheard = [overhear(attackers["master of another cell"], key) for key in keys]
-    seen = overhear(attackers["viewer"], FORCED)
+    seen = overhear(attackers["viewer"], SHOWN)
     wait_until(lambda: all(connected(session) for session in attackers.values()))
     for _ in range(20):
         for who, session in attackers.items():
             put_everything(session, who)
         time.sleep(0.005)
     until(lambda: attackers["viewer"].put(STOPPED, "stop"), lambda: (STOPPED, b"stop") in heard)
-    until(sender(slave, FORCED, b"felt"), lambda: seen.handler.try_recv() is not None)
+    until(sender(slave, SHOWN, b"shown"), lambda: seen.handler.try_recv() is not None)
     until(sender(master, COMMANDED, b"last"), lambda: (COMMANDED, b"last") in heard)
     assert {payload for key, payload in heard if key == COMMANDED} == {b"move", b"last"}
     stops = {payload for key, payload in heard if key == STOPPED}
@@ -137,7 +138,7 @@ def test_router_keeps_cells_to_themselves(net: Secured, tmp_path: Path) -> None:
     for cell in cells:
         slave = net.open(pki / cell, "slave", (), [endpoint], "client", cell)
         masters[cell] = net.open(pki / cell, "master", (), [endpoint], "client", cell)
-        commands[cell] = heard_by(slave, COMMAND.key(cell, "insertion"))
+        commands[cell] = heard_by(slave, COMMAND.taken_key(cell, "insertion"))
     roles: tuple[PartyRole, ...] = ("viewer", "recorder", "slave")
     attackers = {
         f"{role} {cell}": net.attacker(endpoint, pki / cell, role) for cell in cells for role in roles
@@ -145,7 +146,7 @@ def test_router_keeps_cells_to_themselves(net: Secured, tmp_path: Path) -> None:
     foreign = net.attacker(endpoint, pki / "b", "master")
     spies = [overhear(attackers["viewer b"], key) for key in ("forefeel/**", "forefeel/a/**")]
     for cell in cells:
-        move = sender(masters[cell], COMMAND.key(cell, "insertion"), cell.encode())
+        move = sender(masters[cell], COMMAND.taken_key(cell, "insertion"), cell.encode())
         until(move, lambda cell=cell: commands[cell])  # type: ignore[misc]
     wait_until(lambda: len(router.info.links()) == 11)
     for who, session in attackers.items():
@@ -153,7 +154,7 @@ def test_router_keeps_cells_to_themselves(net: Secured, tmp_path: Path) -> None:
             put_everything(session, who, cell)
     put_everything(foreign, "master b", "a")
     for cell in cells:
-        move = sender(masters[cell], COMMAND.key(cell, "insertion"), b"last")
+        move = sender(masters[cell], COMMAND.taken_key(cell, "insertion"), b"last")
         until(move, lambda cell=cell: commands[cell][-1][1] == b"last")  # type: ignore[misc]
         assert {payload for _, payload in commands[cell]} == {cell.encode(), b"last"}
     assert [sub.handler.try_recv() for sub in spies] == [None, None]

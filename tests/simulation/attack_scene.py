@@ -71,7 +71,7 @@ class Scene:
     def put(self, topic: Topic[Any], payload: bytes) -> None:
         """Bytes of the stranger."""
         if topic.name not in self._puts:
-            self._puts[topic.name] = self.stranger.publisher(topic.key("cell", AXIS), Qos.STREAM)
+            self._puts[topic.name] = self.stranger.publisher(topic.taken_key("cell", AXIS), Qos.STREAM)
         self._puts[topic.name](payload)
 
     def say(self, topic: Topic[Any], message: Message) -> None:

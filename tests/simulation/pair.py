@@ -12,17 +12,18 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.bus import Bus
+from forefeel.common.bus import Bus, observed
 from forefeel.common.clock import Clock
-from forefeel.common.codec import decode
+from forefeel.common.codec import decode, encode
 from forefeel.common.config import checked
 from forefeel.common.lateness import Lateness
 from forefeel.common.messages import Message
 from forefeel.common.runtime.port import Pause, T, Tick
 from forefeel.common.runtime.virtual import VirtualRuntime
-from forefeel.common.topics import SAFETY_EVENT, SLAVE_STATE, Topic, parse_key
+from forefeel.common.topics import BY_NAME, SAFETY_EVENT, SLAVE_STATE, Topic, direct, parse_key
 from forefeel.common.transport.impaired import ImpairedTransport
 from forefeel.common.transport.memory import MemoryBus, MemoryTransport
+from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.master.daemon import MasterDaemon
 from forefeel.master.settings import MasterSettings
 from forefeel.slave.daemon import SlaveDaemon
@@ -75,6 +76,10 @@ class Heard:
         states = [m.state.value for m in self.messages(SLAVE_STATE, axis) if m.stamp_ns < until_s * S]
         since = states[states.index("armed") :] if "armed" in states else []
         return since.count("armed") / len(since) if since else 0.0
+
+
+def heard_in(loop: VirtualLoopback) -> Heard:
+    return Heard([(key, encode(message), stamp_ns) for key, message, stamp_ns in loop.messages])
 
 
 class Cable:
@@ -153,11 +158,23 @@ class Pair:
         self._ids = Random("pair")
         self._bus = MemoryBus()
         recorder = self._bus.session(self.runtime.clock)
-        recorder.subscribe_all("forefeel", lambda key, p, stamp_ns: self.payloads.append((key, p, stamp_ns)))
+        recorder.subscribe_all("forefeel", self._observe)
+        recorder.subscribe_all(direct("forefeel"), self._record)
         self._slave_settings = checked(SlaveSettings, slave or {}, "slave")
         self._master_settings = checked(MasterSettings, master or {}, "master")
         self.start_slave(slave_clock_ns)
         self.start_master(master_clock_ns)
+
+    def _observe(self, key: str, payload: bytes, receive_ns: int) -> None:
+        topic = BY_NAME[key.split("/", 3)[3]]
+        if not topic.batched:
+            self._record(key, payload, receive_ns)
+        elif not topic.crosses:
+            for message, stamp_ns in observed(topic, payload, receive_ns):
+                self._record(key, encode(message), stamp_ns)
+
+    def _record(self, key: str, payload: bytes, receive_ns: int) -> None:
+        self.payloads.append((key.removeprefix(direct("")), payload, receive_ns))
 
     def start_slave(self, clock_ns: int = 0) -> None:
         """A new slave process on a host with that clock."""

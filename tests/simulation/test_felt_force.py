@@ -10,7 +10,7 @@ from forefeel.common.topics import HAPTICS
 from forefeel.loopback.plan import LoopbackOptions, Plan, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.master.passivity import PassivityLimit
-from tests.simulation.pair import Heard
+from tests.simulation.pair import heard_in
 
 WALL_N_M = 400.0
 """The synthetic operator's arm has 250 N/m: reflected late, such a wall has a loop gain above one."""
@@ -20,7 +20,7 @@ def _felt(source: str) -> tuple[float, float]:
     """10 s of strokes against the wall: lowest energy in J; rms speed of the handle in the last 4 s."""
     loop = VirtualLoopback(_plan(source), seed=1)
     loop.run(lambda _done_s: None)
-    heard = Heard(loop.payloads)
+    heard = heard_in(loop)
     speed_m_s = np.gradient(heard.column(HAPTICS, "handle_position_m"), 1e-3)
     return heard.column(HAPTICS, "energy_j").min(), float(np.sqrt(np.mean(speed_m_s[-4000:] ** 2)))
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
+from forefeel.common.codec import Codec
 from forefeel.common.config import deep_merge
 from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.recording.mcap_writer import RunWriter
@@ -30,16 +31,16 @@ from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.page import write_report
 from forefeel.report.traces import axis_traces
 from forefeel.report.transparency import run_transparency
-from tests.simulation.pair import Heard, S, write_csv
+from tests.simulation.pair import Heard, S, heard_in, write_csv
 
 TICK_S = 0.001
 WATCHDOG_S = 0.060
 
 
 def run_plan(plan: Plan, seed: int = 1) -> Heard:
-    loop = VirtualLoopback(plan, seed)
+    loop = VirtualLoopback(plan, seed, Codec)
     loop.run(lambda _done_s: None)
-    return Heard(loop.payloads)
+    return heard_in(loop)
 
 
 def run_with(**options: Any) -> Heard:  # noqa: ANN401 - the fields of LoopbackOptions
@@ -262,7 +263,7 @@ def test_a_recorded_impairment_is_replayed_message_by_message(tmp_path: Path) ->
     trace = run.impairment_trace("slave/impairment", "inbound")
     assert len(trace) > 1500
     assert len({delays for delays in trace if delays}) > 1000
-    assert repeated.payloads == loop.payloads
+    assert repeated.payloads == heard_in(loop).payloads  # with the codec and without
 
 
 WORLD = {

@@ -5,10 +5,11 @@ from itertools import pairwise
 
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.topics import FORCE, SLAVE_STATE, Qos
-from forefeel.common.transport.port import Put, Transport
+from forefeel.common.transport.port import MOST_POLLED, Put, Transport
 from tests.waiting import wait_until
 
 KEY, OTHER = FORCE.key("cell", "insertion"), SLAVE_STATE.key("cell", "insertion")
+POLLED = FORCE.taken_key("cell", "insertion")
 
 
 def put_until(put: Put, condition: Callable[[], object], payload: bytes = b"probe") -> None:
@@ -42,6 +43,7 @@ def check_bus(open_session: Callable[[], Transport]) -> None:
     assert own == []
     assert (receiver.peers(), sender.peers()) == (1, 1)
     _check_keys(receiver, sender)
+    _check_poll(receiver, sender)
     late = open_session()
     heard: list[bytes] = []
     late.subscribe(KEY, lambda payload, _: heard.append(payload))
@@ -68,3 +70,25 @@ def _check_keys(receiver: Transport, sender: Transport) -> None:
             put_until(sender.publisher(key, qos), lambda: (key, payload) in got, payload)  # noqa: B023
     assert {key for key, _ in got} == {KEY, OTHER}
     assert len(got) == 2 * len(Qos)
+
+
+def _check_poll(receiver: Transport, sender: Transport) -> None:
+    """Of a backlog a bounded part at each poll, oldest first, and nothing between two polls."""
+    got: list[bytes] = []
+    sizes = [0]
+    poll = receiver.polled(POLLED, lambda payload, _: got.append(payload))
+    put = sender.publisher(POLLED, Qos.EVENT)
+
+    def has(count: int) -> bool:
+        assert len(got) == sizes[-1]
+        poll()
+        sizes.append(len(got))
+        return len(got) >= count
+
+    put_until(put, lambda: has(1))
+    backlog = [b"%d" % number for number in range(2 * MOST_POLLED)]
+    for payload in backlog:
+        put(payload)
+    wait_until(lambda: any(has(1 + len(backlog)) and got[-1] == backlog[-1] for _ in range(4)))
+    assert [payload for payload in got if payload != b"probe"] == backlog
+    assert max(after - before for before, after in pairwise(sizes)) <= MOST_POLLED

@@ -5,7 +5,7 @@ from itertools import count
 from typing import Any
 
 from forefeel.common import topics
-from forefeel.common.bus import Bus, Publisher
+from forefeel.common.bus import Bus, Publisher, observed
 from forefeel.common.clock import VirtualClock
 from forefeel.common.errors import DeviceError
 from forefeel.common.estimation.evaluator import Estimate
@@ -100,13 +100,14 @@ class Rig:
         self.handle, self.predictor = FakeHandle(), FakePredictor()
         prediction = ForcePrediction(AxisLimits())
         ids = count(101)
+        self._bus = Bus(network.session(self.clock), "cell", "insertion", self.clock)
         self.axis = MasterAxis(
             "cell",
             MasterAxisSettings(),
             self.handle,
             HapticLoop(self.predictor, RenderingSettings()),
             IdentificationTask(prediction, Learner(prediction.evaluator)),
-            Bus(network.session(self.clock), "cell", "insertion", self.clock),
+            self._bus,
             ids.__next__,
         )
         session = network.session(self.clock)
@@ -115,17 +116,20 @@ class Rig:
             bus.publisher(topic)
             for topic in (topics.FORCE, topics.SLAVE_STATE, topics.SLAVE_HANDSHAKE, topics.SLAVE_HEARTBEAT)
         )
-        self.put_raw = session.publisher(topics.FORCE.key("cell", "insertion"), Qos.STREAM)
+        self.put_raw = session.publisher(topics.FORCE.taken_key("cell", "insertion"), Qos.STREAM)
         self.commands, self.haptics = list[MotionCommand](), list[HapticSample]()
         self.states, self.asked = list[MasterState](), list[Handshake]()
         self.beats, self.stops = list[Heartbeat](), list[EmergencyStop]()
         bus.subscribe(topics.COMMAND, lambda m, _: self.commands.append(m))
-        bus.subscribe(topics.HAPTICS, lambda m, _: self.haptics.append(m))
+        session.subscribe(topics.HAPTICS.key("cell", "insertion"), self._observe)
         bus.subscribe(topics.MASTER_STATE, lambda m, _: self.states.append(m))
         bus.subscribe(topics.MASTER_HANDSHAKE, lambda m, _: self.asked.append(m))
         bus.subscribe(topics.MASTER_HEARTBEAT, lambda m, _: self.beats.append(m))
         bus.subscribe(topics.EMERGENCY_STOP, lambda m, _: self.stops.append(m))
         self.slave_ns = 0  # the slave's clock minus the master's
+
+    def _observe(self, payload: bytes, receive_ns: int) -> None:
+        self.haptics += [message for message, _ in observed(topics.HAPTICS, payload, receive_ns)]
 
     @property
     def now_ns(self) -> int:
@@ -183,6 +187,7 @@ class Rig:
             if state is not None:
                 self.say_state(state)
             self.axis.tick(self.now_ns)
+        self._bus.end_batches(self.now_ns, last=True)
 
     def counters(self) -> dict[str, int]:
         self.axis.report(self.now_ns)

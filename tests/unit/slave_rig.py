@@ -165,7 +165,7 @@ class SlaveRig:
             )
         }  # fmt: skip
         self._puts = {
-            name: session.publisher(topics.BY_NAME[name].key("cell", "insertion"), Qos.STREAM)
+            name: session.publisher(topics.BY_NAME[name].taken_key("cell", "insertion"), Qos.STREAM)
             for name in self.publishers
         }
         self.forces, self.states = list[ForceSample](), list[SlaveState]()
@@ -184,7 +184,7 @@ class SlaveRig:
 
     def put_anything(self, topic: topics.Topic[Any]) -> Put:
         """A publisher of whoever else is on the network."""
-        return self.network.session(self.clock).publisher(topic.key("cell", "insertion"), Qos.STREAM)
+        return self.network.session(self.clock).publisher(topic.taken_key("cell", "insertion"), Qos.STREAM)
 
     @property
     def now_ns(self) -> int:
@@ -200,6 +200,7 @@ class SlaveRig:
         return self.states[-1].state
 
     def counters(self) -> dict[str, int]:
+        self.axis._take_commands()
         self.axis.report(self.now_ns)
         return self.states[-1].counters
 

@@ -4,7 +4,8 @@ from forefeel.common.transport.impaired import ImpairedTransport, TraceChunk, cr
 from forefeel.common.transport.impairment import ImpairedLink, ReplayedImpairment
 from forefeel.common.transport.memory import MemoryBus
 
-KEY = COMMAND.key("cell", "insertion")
+MS = 1_000_000
+KEY = COMMAND.taken_key("cell", "insertion")
 
 
 class Pair:
@@ -41,6 +42,18 @@ def test_inbound_payloads_are_stamped_when_they_are_handed_over() -> None:
         put(payload)
     pair.runtime.run(1000)
     assert pair.got == [(b"twice", 105), (b"late", 130), (b"twice", 150)]
+
+
+def test_polled_payloads_are_handed_over_at_the_poll_next_to_their_time() -> None:
+    pair = Pair(ReplayedImpairment([(3 * MS,), (), (1_400_000, 1_600_000)]), None)
+    poll = pair.impaired.polled(KEY, pair.take)
+    put = pair.plain.publisher(KEY, Qos.STREAM)
+    for payload in (b"late", b"lost", b"twice"):
+        put(payload)
+    for _ in range(4):
+        poll()
+        pair.runtime.run(MS)
+    assert pair.got == [(b"twice", 100 + MS), (b"twice", 100 + 2 * MS), (b"late", 100 + 3 * MS)]
 
 
 def test_all_keys_of_a_direction_share_one_link() -> None:
@@ -97,8 +110,11 @@ def test_a_long_trace_comes_in_chunks_and_an_undrained_one_loses_its_oldest() ->
 
 
 def test_what_is_on_its_way_at_close_is_dropped() -> None:
-    pair = Pair(ReplayedImpairment([(30,)]), ReplayedImpairment([(30,)]))
+    pair = Pair(ReplayedImpairment([(30 * MS,)]), ReplayedImpairment([(30 * MS,)]))
     pair.impaired.subscribe(KEY, pair.take)
+    poll = pair.impaired.polled("polled", pair.take)
+    pair.plain.publisher("polled", Qos.STREAM)(b"waits")
+    poll()
     pair.plain.subscribe("out", pair.take)
     pair.plain.publisher(KEY, Qos.STREAM)(b"in")
     put = pair.impaired.publisher("out", Qos.STREAM)
@@ -106,14 +122,16 @@ def test_what_is_on_its_way_at_close_is_dropped() -> None:
     pair.impaired.close()
     pair.impaired.close()
     put(b"after")
-    pair.runtime.run(1000)
+    pair.runtime.run(100 * MS)
+    poll()
     assert pair.got == []
 
 
 def test_what_is_for_the_recorder_only_does_not_cross() -> None:
-    local = {topic.name for topic in TOPICS if not crosses(topic.key("c", "a"))}
+    local = {topic.name for topic in TOPICS if not crosses(topic.taken_key("c", "a"))}
     assert local == {
         "master/haptics", "master/parameters", "master/timing", "slave/timing", "master/impairment",
         "slave/impairment", "slave/calibration", "slave/cycle", "master/limit", "master/event",
     }  # fmt: skip
-    assert crosses(FORCE.key("c", "a"))
+    assert crosses(FORCE.taken_key("c", "a"))
+    assert not crosses(FORCE.key("c", "a"))

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forefeel.common.bus import Publisher
-from forefeel.common.codec import decode
+from forefeel.common.codec import Codec, decode
 from forefeel.common.heartbeats import Heartbeats
 from forefeel.common.messages import Heartbeat
 from forefeel.slave.session import Lease
@@ -78,7 +78,7 @@ class Rig:
 
     def __init__(self) -> None:
         self.said: list[bytes] = []
-        self.beats = Heartbeats(Publisher(self.said.append))
+        self.beats = Heartbeats(Publisher(Codec, [self.said.append]))
 
     def beat(self, now_ns: int) -> Heartbeat:
         self.beats.beat(1, now_ns)

@@ -63,7 +63,7 @@ class Scene:
         return {} if newest is None else dict(newest[1].counters)
 
     def put(self, topic: Topic[Any], payload: bytes) -> None:
-        self.attacker.put(topic.key(CELL, AXIS), payload)
+        self.attacker.put(topic.taken_key(CELL, AXIS), payload)
 
     def command(self, **changes: object) -> bytes:
         """A forged command: right session, numbered and stamped ahead, away from here."""
@@ -75,7 +75,7 @@ class Scene:
 
     def flood(self, topic: Topic[Any], rate_hz: float, payloads: Sequence[bytes]) -> int:
         """By a process of its own for some seconds; how many it put."""
-        put = flood(self.cell.endpoint, topic.key(CELL, AXIS), rate_hz, _FLOOD_S, payloads)
+        put = flood(self.cell.endpoint, topic.taken_key(CELL, AXIS), rate_hz, _FLOOD_S, payloads)
         self.outcome.note = f"{put / _FLOOD_S:.0f} a second,"
         return put
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from forefeel.common.codec import decode
+from forefeel.common.bus import observed
 from forefeel.common.messages import ForceSample
 from forefeel.common.topics import FORCE
 from tests.live_cell import AXIS, CELL
@@ -53,7 +53,10 @@ class Motion:
         self.moved: list[str] = []
 
     def heard(self, payload: bytes) -> None:
-        sample = decode(ForceSample, payload)
+        for sample, _ in observed(FORCE, payload, 0):
+            self._heard(sample)
+
+    def _heard(self, sample: ForceSample) -> None:
         missed = sample.sequence - self._sequence - 1
         if not 0 <= missed < _UNHEARD or sample.answers_sequence is not None:
             self._since_ns = self._rest_m = None  # another process, or it follows, or may have followed
