@@ -1,4 +1,4 @@
-"""Start-up and memory of each daemon, and the speed of virtual time: `python -m benchmarks.service`."""
+"""Start of the daemons and of a loopback, memory, speed of virtual time: `python -m benchmarks.service`."""
 
 import os
 import re
@@ -11,11 +11,14 @@ from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from forefeel.loopback.plan import LoopbackOptions, Plan, make_plan
 from forefeel.loopback.real import with_state
 from forefeel.loopback.virtual import VirtualLoopback
 
 _STREAMING_S = 8.0  # s of streaming before memory is read
+_STARTS = 5
 _VIRTUAL_S = 60.0  # s of virtual time
 _ENDPOINT = "tcp/127.0.0.1:17447"
 _READY = {"slave": "waiting for a master", "master": "session open"}
@@ -25,6 +28,7 @@ def main() -> None:
     """Prints one line a figure."""
     plan = make_plan(LoopbackOptions(seed=1, impairment="paper"))
     _daemons(plan)
+    _loopback()
     _virtual(plan)
 
 
@@ -62,6 +66,26 @@ def _daemon(role: str, settings: Path) -> Iterator[subprocess.Popen[str]]:
     finally:
         process.terminate()
         process.communicate()
+
+
+def _loopback() -> None:
+    """From the command to the open session, with the recorder."""
+    taken_s = []
+    for _ in range(_STARTS):
+        with tempfile.TemporaryDirectory() as folder:
+            out = Path(folder) / "run"
+            command = f"{sys.executable} -m forefeel loopback --quiet --duration 1 --out {out}"
+            start_s = time.monotonic()
+            run = subprocess.Popen(command.split(), stdout=subprocess.DEVNULL)
+            log = out / "master.log"
+            while not (log.exists() and _READY["master"] in log.read_text(encoding="utf-8")):
+                if run.poll() is not None:
+                    raise SystemExit(f"loopback ended with code {run.returncode}")
+                time.sleep(0.005)
+            taken_s.append(time.monotonic() - start_s)
+            run.wait()
+    least_s, median_s, most_s = np.quantile(taken_s, [0.0, 0.5, 1.0])
+    print(f"loopback: session open {median_s:.2f} s after the command ({least_s:.2f} to {most_s:.2f})")
 
 
 def _resident_mb(pid: int) -> float:

@@ -54,18 +54,20 @@ def _compiled(function: F, fastmath: bool | set[str]) -> F:
 
 @cache
 def _numba() -> Any:  # noqa: ANN401 - a module
-    """Numba without products of matrices, which no kernel has: to import scipy.linalg for them takes 0.1 s, a
-    third of what loading the kernels takes.
+    """Numba without products of matrices and functions of C, which no kernel has: to import scipy.linalg and
+    cffi for them takes 0.13 s, a third of what loading the kernels takes.
     """
     import numba  # noqa: PLC0415 - not needed for plain Python
 
-    blas = "scipy.linalg.cython_blas"
-    if blas not in sys.modules:
-        sys.modules[blas] = cast(ModuleType, None)  # importing it fails
+    looks = {"scipy.linalg.cython_blas": "numba.np.arraymath", "cffi": "numba.core.typing.cffi_utils"}
+    for missing, place in looks.items():
+        there = sys.modules.get(missing)
+        sys.modules[missing] = there or cast(ModuleType, None)  # importing None fails
         try:
-            import_module("numba.np.arraymath")  # looks for it once
+            import_module(place)
         finally:
-            del sys.modules[blas]
+            if there is None:
+                del sys.modules[missing]
     return numba
 
 

@@ -1,11 +1,11 @@
 """The settings of a daemon, or of whoever has a YAML file of ours."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from forefeel.common.config import Settings, load_settings
+from forefeel.common.config import Settings, checked, load_settings
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.yaml_file import load_yaml
+from forefeel.common.yaml_file import Place, load_yaml
 
 if TYPE_CHECKING:
     from forefeel.master.settings import MasterSettings
@@ -18,13 +18,14 @@ def load_daemon(path: Path, role: str | None = None) -> "SlaveSettings | MasterS
     Raises:
         ConfigurationError: one line on the first mistake.
     """
-    if _role(path, (role,) if role else ("slave", "master")) == "slave":
+    data, lines = load_yaml(path)
+    if _role(path, data, lines, (role,) if role else ("slave", "master")) == "slave":
         from forefeel.slave.settings import SlaveSettings  # noqa: PLC0415 - each daemon loads only its own side
 
-        return load_settings(SlaveSettings, path)
+        return checked(SlaveSettings, data, str(path), lines, path.parent)
     from forefeel.master.settings import MasterSettings  # noqa: PLC0415
 
-    return load_settings(MasterSettings, path)
+    return checked(MasterSettings, data, str(path), lines, path.parent)
 
 
 def load_any(path: Path) -> Settings:
@@ -40,12 +41,11 @@ def load_any(path: Path) -> Settings:
         "viewer": ObserverSettings,
         "router": RouterSettings,
     }
-    role = _role(path, ("slave", "master", *others))
+    role = _role(path, *load_yaml(path), ("slave", "master", *others))
     return load_settings(others[role], path) if role in others else load_daemon(path)
 
 
-def _role(path: Path, expected: tuple[str, ...]) -> str:
-    data, lines = load_yaml(path)
+def _role(path: Path, data: dict[str, Any], lines: dict[Place, int], expected: tuple[str, ...]) -> str:
     found = data.get("role")
     if not isinstance(found, str) or found not in expected:
         line = f":{lines[('role',)]}" if ("role",) in lines else ""
