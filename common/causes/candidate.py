@@ -154,7 +154,6 @@ class ForceColumns(Candidate):
     at_wall: bool = False
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class PositionWave(ForceColumns):
     """Waves over the position, whose period in m is searched in what the rest leaves."""
 
@@ -166,7 +165,6 @@ class ReadingColumns(Candidate):
     columns: Callable[[Array, Shape], Array]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
 class Periodic(ReadingColumns):
     """Lines of a spectrum, which are searched in what the rest leaves."""
 
