@@ -12,13 +12,10 @@ declares it, whose members are the fields, and `record` makes the dtype of it. K
 
 import hashlib
 import os
-import sys
 from collections.abc import Callable
 from contextlib import suppress
 from functools import cache, wraps
-from importlib import import_module
 from pathlib import Path
-from types import ModuleType
 from typing import Annotated, Any, TypeVar, cast, get_origin, get_type_hints
 
 import numpy as np
@@ -48,27 +45,10 @@ def fast_kernel(function: F) -> F:
 def _compiled(function: F, fastmath: bool | set[str]) -> F:
     if not COMPILED:
         return _plain(function)
-    _forget_what_is_old()
-    return cast(F, _numba().njit(cache=True, fastmath=fastmath)(function))
-
-
-@cache
-def _numba() -> Any:  # noqa: ANN401 - a module
-    """Numba without products of matrices and functions of C, which no kernel has: to import scipy.linalg and
-    cffi for them takes 0.13 s, a third of what loading the kernels takes.
-    """
     import numba  # noqa: PLC0415 - not needed for plain Python
 
-    looks = {"scipy.linalg.cython_blas": "numba.np.arraymath", "cffi": "numba.core.typing.cffi_utils"}
-    for missing, place in looks.items():
-        there = sys.modules.get(missing)
-        sys.modules[missing] = there or cast(ModuleType, None)  # importing None fails
-        try:
-            import_module(place)
-        finally:
-            if there is None:
-                del sys.modules[missing]
-    return numba
+    _forget_what_is_old()
+    return cast(F, numba.njit(cache=True, fastmath=fastmath)(function))
 
 
 def _plain(function: F) -> F:
