@@ -20,8 +20,9 @@ from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import copysign, sqrt
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
+V = TypeVar("V", int, tuple[int, int])
 MAX_RATE_PPM = 1000.0
 """Rate of the peer's clock against ours that is followed: NTP slews by 500 ppm, a crystal adds some 100."""
 DRIFT_DIVISOR = round(1e6 / MAX_RATE_PPM)
@@ -77,13 +78,22 @@ class OffsetEstimate:
         return self.completed_ns(inward_ns) - self.least_round_trip_ns
 
 
-class _Exchange(NamedTuple):
-    """`stamp_ns` is t4."""
+class _Smallest(Generic[V]):
+    """The smallest value of a span of time; one that came before a smaller one is forgotten."""
 
-    round_trip_ns: int
-    stamp_ns: int
-    offset_ns: int
-    outward_ns: int
+    def __init__(self, span_ns: int) -> None:
+        self._span_ns = span_ns
+        self._kept: deque[tuple[int, V]] = deque()
+
+    def with_newest(self, stamp_ns: int, value: V) -> V:
+        """The smallest after one more has come."""
+        kept = self._kept
+        while kept and kept[-1][1] >= value:
+            kept.pop()
+        kept.append((stamp_ns, value))
+        while kept[0][0] < stamp_ns - self._span_ns:
+            kept.popleft()
+        return kept[0][1]
 
 
 class _Span(NamedTuple):
@@ -100,9 +110,8 @@ class ClockOffset:
     """
 
     def __init__(self, window_ns: int = 10_000_000_000) -> None:
-        self._window_ns = window_ns
-        self._exchanges: deque[_Exchange] = deque()
-        self._recent: deque[_Exchange] = deque()
+        self._bounds = _Smallest[tuple[int, int]](window_ns)
+        self._round_trips, self._outwards = _Smallest[int](_RECENT_NS), _Smallest[int](_RECENT_NS)
         self._spans: deque[_Span] = deque(maxlen=_LOOKED_AT[-1])
         self._rate_ppm = 0.0
         self._least_round_trip_ns: int | None = None
@@ -118,29 +127,21 @@ class ClockOffset:
         offset_ns = ((t2 - t1) + (t3 - t4)) // 2
         if round_trip_ns < 0 or t3 < t2 or abs(offset_ns) > _LARGEST_NS:
             return
-        self._keep(_Exchange(round_trip_ns, t4, offset_ns, t2 - t1))
         self._follow_rate(_Span(t4 // _SPAN_NS, t2 - t1, t4 - t3))
         least_ns = self._least_round_trip_ns
         least_ns = round_trip_ns if least_ns is None else min(least_ns, round_trip_ns)
         self._least_round_trip_ns = least_ns
-        bound_ns, offset_ns = min(
-            ((each.round_trip_ns + 1) // 2 + (t4 - each.stamp_ns) // DRIFT_DIVISOR, each.offset_ns)
-            for each in self._exchanges
-        )
+        # every bound grows alike: that of t4 is (grown + t4) // DRIFT_DIVISOR
+        grown = DRIFT_DIVISOR * ((round_trip_ns + 1) // 2) - t4
+        grown, offset_ns = self._bounds.with_newest(t4, (grown, offset_ns))
         self.best = OffsetEstimate(
             offset_ns,
-            bound_ns,
-            min(each.round_trip_ns for each in self._recent),
+            (grown + t4) // DRIFT_DIVISOR,
+            self._round_trips.with_newest(t4, round_trip_ns),
             least_ns,
-            min(each.outward_ns for each in self._recent),
+            self._outwards.with_newest(t4, t2 - t1),
             self._rate_ppm,
         )
-
-    def _keep(self, exchange: _Exchange) -> None:
-        for kept, span_ns in ((self._exchanges, self._window_ns), (self._recent, _RECENT_NS)):
-            kept.append(exchange)
-            while kept[0].stamp_ns < exchange.stamp_ns - span_ns:
-                kept.popleft()
 
     def _follow_rate(self, span: _Span) -> None:
         if not self._spans or self._spans[-1].number < span.number:
