@@ -35,7 +35,9 @@ class LimitHit(NamedTuple):
 
 
 def _clip(value: float, bound: float) -> float:
-    return max(-bound, min(bound, value))
+    if value > bound:
+        return bound
+    return -bound if value < -bound else value
 
 
 def _stoppable_m_s(room_m: float, deceleration_m_s2: float, lag_s: float) -> float:
@@ -44,7 +46,7 @@ def _stoppable_m_s(room_m: float, deceleration_m_s2: float, lag_s: float) -> flo
     `lag_s` dt / 2: in steps of this dt. dt: whatever steps come after this one.
     """
     delayed = deceleration_m_s2 * lag_s
-    return sqrt(delayed * delayed + 2.0 * deceleration_m_s2 * max(0.0, room_m)) - delayed
+    return sqrt(delayed * delayed + 2.0 * deceleration_m_s2 * room_m) - delayed if room_m > 0.0 else 0.0
 
 
 class MotionLimiter:
@@ -85,8 +87,9 @@ class MotionLimiter:
         `band_n`: where the force is expected for this position; it only ever slows the setpoint.
         """
         hits: list[LimitHit] = []
-        target_m = self._inside_workspace(position_m, hits)
+        target_m = min(max(position_m, self._low_m), self._high_m)
         if target_m != position_m:
+            hits.append(LimitHit("workspace", position_m, target_m, "m"))
             velocity_m_s = 0.0
         wanted = (target_m - self.position_m) / dt_s
         feed_forward = _clip(velocity_m_s, self._velocity_m_s)
@@ -118,17 +121,13 @@ class MotionLimiter:
         return _clip(velocity_m_s, _stoppable_m_s(room_m, self._wall_m_s2, dt_s))
 
     def _advance(self, velocity_m_s: float, dt_s: float) -> None:
-        moved = self.position_m + velocity_m_s * dt_s
-        self.position_m = min(
-            max(moved, min(self._low_m, self.position_m)), max(self._high_m, self.position_m)
-        )
-        self.velocity_m_s = velocity_m_s if moved == self.position_m else 0.0
-
-    def _inside_workspace(self, position_m: float, hits: list[LimitHit]) -> float:
-        target_m = min(max(position_m, self._low_m), self._high_m)
-        if target_m != position_m:
-            hits.append(LimitHit("workspace", position_m, target_m, "m"))
-        return target_m
+        before_m = self.position_m
+        moved_m = before_m + velocity_m_s * dt_s
+        if self._low_m <= moved_m <= self._high_m:
+            self.position_m, self.velocity_m_s = moved_m, velocity_m_s
+            return
+        self.position_m = min(max(moved_m, min(self._low_m, before_m)), max(self._high_m, before_m))
+        self.velocity_m_s = velocity_m_s if moved_m == self.position_m else 0.0
 
     def _towards_contact(
         self,
@@ -144,8 +143,9 @@ class MotionLimiter:
         sign = copysign(1.0, velocity_m_s)
         against_n = sign * force_n
         fastest_m_s = self._allowed_m_s(limit_n - against_n)
-        if band_n is not None:
-            expected_m_s = self._allowed_m_s(limit_n - max(sign * band_n[0], sign * band_n[1]))
+        expected_n = against_n if band_n is None else max(sign * band_n[0], sign * band_n[1])
+        if expected_n > against_n:
+            expected_m_s = self._allowed_m_s(limit_n - expected_n)
             if abs(force_n) < _PROBING_SHARE * limit_n:
                 expected_m_s = max(expected_m_s, _PROBING_M_S)
             fastest_m_s = min(fastest_m_s, expected_m_s)

@@ -50,7 +50,7 @@ Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.
 
 def within(value: float, most: float) -> float:
     """The value, or the end of the range +-most that it is beyond."""
-    return max(-most, min(most, value))
+    return value if -most <= value <= most else max(-most, min(most, value))
 
 
 class Message(BaseModel):

@@ -162,7 +162,7 @@ class MasterAxis:
         held = outputs.deadman and not self.stopping and self._hand.fault is None
         self._deadman = held and not self.stop.wanted
         if self.session.state is SessionState.OPEN:
-            self._publish(now_ns, outputs._replace(rendered_n=rendered_n), reading.position_m, force)
+            self._publish(now_ns, outputs, rendered_n, reading.position_m, force)
         self._bus.end_batches(now_ns)
 
     def _standing(self, now_ns: int) -> tuple[Standing, str]:
@@ -183,7 +183,12 @@ class MasterAxis:
         return state.state
 
     def _publish(
-        self, now_ns: int, outputs: HapticOutputs, handle_m: float, force: NewestForce | None
+        self,
+        now_ns: int,
+        outputs: HapticOutputs,
+        rendered_n: float,
+        handle_m: float,
+        force: NewestForce | None,
     ) -> None:
         header = self._command.header(self.session.session_id, now_ns)
         low_n, high_n = outputs.band_n or (None, None)
@@ -200,7 +205,7 @@ class MasterAxis:
             )
         )
         offset = self._heartbeats.offset
-        self._haptics.send(haptic_sample(header, outputs, handle_m, force, offset))
+        self._haptics.send(haptic_sample(header, outputs, rendered_n, handle_m, force, offset))
 
     # --- on asyncio ---
 

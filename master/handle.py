@@ -115,13 +115,15 @@ class HandleWatch:
         had_failed = self.fault is not None
         try:
             if had_failed and not self._re_arm():
-                return self._reading
-            reading = _checked(self._handle.read(now_ns))
+                return self._let_go()
+            self._reading = _checked(self._handle.read(now_ns))
         except DeviceError as error:
             self._fail(error)
-            return self._reading
-        self._reading = reading._replace(velocity_m_s=0.0, deadman=False, recording_time_s=None, estop=False)
-        return self._reading if had_failed else reading
+            return self._let_go()
+        return self._let_go() if had_failed else self._reading
+
+    def _let_go(self) -> HandleReading:
+        return HandleReading(self._reading.position_m, 0.0, False, self._reading.gripper)
 
     def render(self, force_n: float, now_ns: int) -> float:
         """The force as applied: 0 by a handle that has failed."""
@@ -148,11 +150,10 @@ class HandleWatch:
 
 def _checked(reading: HandleReading) -> HandleReading:
     """Refuses, with DeviceError, what no message takes."""
-    for name, value, most in (
-        ("position_m", reading.position_m, MOST_POSITION_M),
-        ("velocity_m_s", reading.velocity_m_s, MOST_VELOCITY_M_S),
-        ("recording_time_s", reading.recording_time_s or 0.0, MOST_SECONDS),
-    ):
-        if not abs(value) <= most:
-            raise DeviceError(f"handle: {name} = {value:g}: expected at most {most:g}")
-    return reading
+    x_m, v_m_s, time_s = reading.position_m, reading.velocity_m_s, reading.recording_time_s or 0.0
+    if abs(x_m) <= MOST_POSITION_M and abs(v_m_s) <= MOST_VELOCITY_M_S and abs(time_s) <= MOST_SECONDS:
+        return reading
+    raise DeviceError(
+        f"handle = ({x_m:g} m, {v_m_s:g} m/s, recording {time_s:g} s): expected at most "
+        f"{MOST_POSITION_M:g} m, {MOST_VELOCITY_M_S:g} m/s and {MOST_SECONDS:g} s"
+    )

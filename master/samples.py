@@ -31,12 +31,14 @@ def ages_s(
 def haptic_sample(
     header: Header,
     outputs: HapticOutputs,
+    rendered_n: float,
     handle_m: float,
     force: NewestForce | None,
     clock: OffsetEstimate | None,
 ) -> HapticSample:
+    """`rendered_n`: as the handle applied it."""
     predicted = outputs.predicted
-    force_n, low_n, high_n = map(bounded, predicted[:3] if predicted else (None, None, None))
+    force_n, low_n, high_n = map(bounded, predicted[:3]) if predicted else (None, None, None)
     age_s, delay_s = ages_s(header["stamp_ns"], force, clock)
     return HapticSample(
         **header,
@@ -47,7 +49,7 @@ def haptic_sample(
         high_n=high_n,
         leading=predicted.leading if predicted else "",
         zoh_n=outputs.zoh_n,
-        rendered_n=outputs.rendered_n,
+        rendered_n=rendered_n,
         force_age_s=age_s,
         delay_s=delay_s,
         answered_sequence=force.sample.answers_sequence if force else None,

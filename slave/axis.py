@@ -204,14 +204,15 @@ class SlaveAxis:
     def _inputs(self, now_ns: int, cleared: bool) -> ControlInputs:
         command, released = self._receiver.slot.take()
         conflict = self._receiver.conflict
+        live = conflict is None and self._session.live(now_ns)
         return ControlInputs(
             command=command,
             released=released,
             position_m=self._watch.stage.position_m,
             force_n=self._watch.force.force_n,
             force_valid=self._watch.force.valid,
-            session_live=conflict is None and self._session.live(now_ns),
-            lost_reason=conflict or self._session.lost_reason,
+            session_live=live,
+            lost_reason="" if live else conflict or self._session.lost_reason,
             clock=self._session.offset,
             estop=self._estop.take(),
             fault=self._fault.take() or self._event_sink.problem or self._session.clock_fault(now_ns),

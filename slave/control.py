@@ -180,7 +180,8 @@ class AxisControl:
         elif inputs.clock is None:
             found.append((E.SESSION_LOST, "another session, its clock is not compared"))
         elif not inputs.shutdown:
-            found.append((E.SESSION_OPENED, "a session holds the lease, the clocks are compared"))
+            if found or self.machine.state is SafetyState.IDLE:  # nothing else heeds it
+                found.append((E.SESSION_OPENED, "a session holds the lease, the clocks are compared"))
             found += self._command_events(now_ns, inputs, inputs.clock, hits)
         return found
 

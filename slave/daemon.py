@@ -81,11 +81,11 @@ class SlaveDaemon:
         finally:  # also of the last tick: who waits is told what became of it
             for clearing in clearings:
                 clearing.end()
-        halted = next((axis for axis in self.axes if axis.halted), None)
-        if halted is not None:
+        halted = [axis.name for axis in self.axes if axis.halted]
+        if halted:
             for axis in self.axes:
                 if not axis.halted:
-                    axis.emergency_stop(FOLLOWS.format(halted.name))
+                    axis.emergency_stop(FOLLOWS.format(halted[0]))
 
     def clear(self, axis: str | None = None) -> Future[list[Clearing]]:
         """Asks the next tick to clear what is latched, of one axis and those that follow it, or of all.

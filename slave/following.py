@@ -44,13 +44,18 @@ class KnownServo:
         elapsed_s, self._now_ns = (now_ns - self._now_ns) * 1e-9, now_ns
         carried_s = min(elapsed_s, self._carried_s)
         self._carried_s -= carried_s
-        w = self._w
-        for feed, dt in ((self._feed, carried_s), (0.0, elapsed_s - carried_s)):
-            e, d, decay = self._r - self._s, self._v - feed, exp(-w * dt)
-            c = d + w * e
-            self._s += feed * dt
-            self._r, self._v = self._s + (e + c * dt) * decay, feed + (d - w * c * dt) * decay
+        if carried_s > 0.0:
+            self._go_on(self._feed, carried_s)
+        if elapsed_s > carried_s:
+            self._go_on(0.0, elapsed_s - carried_s)
         return self._r, self._r
+
+    def _go_on(self, feed: float, dt: float) -> None:
+        w = self._w
+        e, d, decay = self._r - self._s, self._v - feed, exp(-w * dt)
+        c = d + w * e
+        self._s += feed * dt
+        self._r, self._v = self._s + (e + c * dt) * decay, feed + (d - w * c * dt) * decay
 
 
 class LateStage:

@@ -52,7 +52,7 @@ class SimulatedStage(SimulatedDevice):
     def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
         """Sets the setpoint; a number that is not finite is refused with `DeviceError`."""
         require_finite(position_m, velocity_m_s)
-        return self._world_at(now_ns).set_target(position_m, velocity_m_s, now_ns)
+        return self._opened_world().set_target(position_m, velocity_m_s, now_ns)
 
     def hold(self, now_ns: int) -> None:
         """Decelerates to rest and holds, from the next step on."""
