@@ -1,6 +1,6 @@
 """The simulated stage: servo, limits, play, encoder and the drive's own watchdog."""
 
-from math import copysign, pi, sqrt
+from math import copysign, exp, pi, sqrt
 
 from forefeel.common.causes.transmission import Backlash
 from forefeel.slave.plant.settings import StageSettings
@@ -10,17 +10,19 @@ EXTRAPOLATION_S = 0.002
 
 
 class PlantStage:
-    """A critically damped servo, stepped at the world's rate (semi-implicit Euler).
+    """A critically damped servo, stepped at the world's rate.
 
-    `a = w^2 (target - x) + 2 w (feed - v)`, w = 2 pi bandwidth, limited in acceleration, velocity and travel.
-    Near the ends of travel the velocity stays below what the acceleration limit can stop, so that the limits
-    of position, velocity and acceleration hold together. Without setpoint (hold), or when the last is older
-    than the watchdog, the drive decelerates at its acceleration limit and stays at rest.
+    `a = w^2 (target - x) + 2 w (feed - v)`, w = 2 pi bandwidth, limited in acceleration, velocity and travel:
+    exact from step to step while no limit acts, else v takes what the limits leave of its change, and x moves
+    on with it. Near the ends of travel the velocity stays below what the acceleration limit can stop, so that
+    the limits of position, velocity and acceleration hold together. Without setpoint (hold), or when the last
+    is older than the watchdog, the drive decelerates at its acceleration limit and stays at rest.
     """
 
     def __init__(self, settings: StageSettings, dt: float) -> None:
         self._dt = dt
         self._w = 2.0 * pi * settings.bandwidth_hz
+        self._decay = exp(-self._w * dt)
         self._low_m, self._high_m = settings.travel_lower_m, settings.travel_upper_m
         self._fastest_m_s = settings.velocity_limit_m_s
         self._most_m_s2 = settings.acceleration_limit_m_s2
@@ -51,9 +53,10 @@ class PlantStage:
     def step(self, t: float) -> tuple[float, float, float]:
         """Advances by dt to time t; (x, v, a) of the carriage."""
         dt, x, before = self._dt, self.position_m, self.velocity_m_s
-        v = self._limited(before, self._demanded_m_s(t))
+        exact_m, demanded = self._demanded(t)
+        v = self._limited(before, demanded)
         if self._free_low_m < x < self._free_high_m:
-            x += v * dt
+            x = exact_m if v == demanded else x + v * dt
         else:
             v = self._stoppable(v)
             x = self._within_travel(x + v * dt)  # rounding only
@@ -64,21 +67,25 @@ class PlantStage:
         self.carriage_m = x
         return x, v, a
 
-    def _demanded_m_s(self, t: float) -> float:
-        """The velocity that the servo wants after this step."""
+    def _demanded(self, t: float) -> tuple[float, float]:
+        """Position and velocity at which the servo alone would be after this step; at rest without setpoint.
+
+        With e = x - target and d = v - feed: `e(dt) = (e + c dt) exp(-w dt)`, `c = d + w e`.
+        """
         setpoint = self._setpoint
         if setpoint is None:
-            return 0.0
+            return self.position_m, 0.0
         target, feed, stamp = setpoint
-        age = t - stamp
+        age, dt, w = t - stamp, self._dt, self._w
         if age > self._watchdog_s:
-            return 0.0
+            return self.position_m, 0.0
         if age <= EXTRAPOLATION_S:
             target += feed * age
         else:
             target, feed = target + feed * EXTRAPOLATION_S, 0.0
-        v, w = self.velocity_m_s, self._w
-        return v + w * (w * (target - self.position_m) + 2.0 * (feed - v)) * self._dt
+        e, d = self.position_m - target + feed * dt, self.velocity_m_s - feed
+        c = d + w * e
+        return target + (e + c * dt) * self._decay, feed + (d - w * c * dt) * self._decay
 
     def _limited(self, v: float, demanded: float) -> float:
         """The velocity nearest to `demanded` that one step from v can reach."""
