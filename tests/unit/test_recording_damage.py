@@ -30,7 +30,7 @@ def flushed_run(path: Path) -> tuple[list[EmergencyStop], dict[int, int]]:
         for index, message in enumerate(messages):
             put(writer, message, EMERGENCY_STOP)
             if index in (1, 2, 5):
-                writer.flush()
+                writer.end_chunk()
                 flushed[path.stat().st_size] = index + 1
     return messages, flushed
 

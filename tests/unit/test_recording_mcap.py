@@ -93,7 +93,10 @@ def test_the_file_says_what_the_mcap_specification_asks_for(tmp_path: Path) -> N
     late = force(2, sequence=2**32 + 5, stamp_ns=-3)
     write_forces(tmp_path / "run.mcap", [force(1), late])
     with (tmp_path / "run.mcap").open("rb") as file:
-        found = list(make_reader(file, validate_crcs=True).iter_messages(log_time_order=False))
+        reader = make_reader(file, validate_crcs=True)
+        found = list(reader.iter_messages(log_time_order=False))
+        by_index = [m.sequence for _, _, m in reader.iter_messages(starting_at=STEP_NS)]
+    assert by_index == [5, 1]
     schema, channel, first = found[0]
     assert schema is not None
     assert (schema.name, schema.encoding) == ("ForceSample", "jsonschema")
