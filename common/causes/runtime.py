@@ -153,11 +153,17 @@ class ContactRuntime:
 
     def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
         """The force in N, as sensed, after advancing every effect by dt to time t; see `regressors`."""
-        return self._sensed(t, self.regressors(t, x, v, a, dt), dt)
+        force_n: float = sum(map(mul, self.linear_values, self.regressors(t, x, v, a, dt)))
+        for sense in self._senses:
+            force_n = sense(t, force_n, dt)
+        return force_n
 
     def step_unheld(self, t: float, x: float, v: float, a: float, dt: float) -> float:
         """As `step` while the fixture does not hold the instrument."""
-        return self._sensed(t, self.regressors_unheld(t, x, v, a, dt), dt)
+        force_n: float = sum(map(mul, self.linear_values, self.regressors_unheld(t, x, v, a, dt)))
+        for sense in self._senses:
+            force_n = sense(t, force_n, dt)
+        return force_n
 
     def columns(self, t: Array, x: Array, v: Array, a: Array, *, sensed: bool = False) -> Array:
         """`regressors` at every stamp of a recording, from rest at the first; shape (n, linear names).
@@ -207,12 +213,6 @@ class ContactRuntime:
         self.reset_contact()
         for effect in self._sensors:
             effect.reset()
-
-    def _sensed(self, t: float, phi: list[float], dt: float) -> float:
-        force_n: float = sum(map(mul, self.linear_values, phi))
-        for sense in self._senses:
-            force_n = sense(t, force_n, dt)
-        return force_n
 
     def _lose_contact(self) -> None:
         if self._touching:

@@ -363,12 +363,15 @@ class ContactLoss(ContactEffect):
         ),
     )  # fmt: skip
 
+    def _configure(self) -> None:
+        self._contact_m, self._release_s = self.values["contact_position_m"], self.values["release_s"]
+
     def penetration_m(self, x: float, v: float) -> float | None:
         """x - contact_position_m while the wall pushes."""
-        depth = x - self.values["contact_position_m"]
-        return depth if depth > 0.0 and depth + self.values["release_s"] * v > 0.0 else None
+        depth = x - self._contact_m
+        return depth if depth > 0.0 and depth + self._release_s * v > 0.0 else None
 
     def penetrations_m(self, x: Array, v: Array) -> Array:
         """x - contact_position_m while the wall pushes, else nan; shape (n,)."""
-        depth = x - self.values["contact_position_m"]
-        return np.where((depth > 0.0) & (depth + self.values["release_s"] * v > 0.0), depth, np.nan)
+        depth = x - self._contact_m
+        return np.where((depth > 0.0) & (depth + self._release_s * v > 0.0), depth, np.nan)

@@ -24,7 +24,8 @@ _WINDOW_S = 30.0  # s of samples that a fit sees
 _STEP_S = 0.004  # s between samples that are kept: friction and relaxation follow their motion
 _NEW_S = 6.0  # s of searching on grids since the range of the motion has grown
 _GROWN = 1.1  # ratio of ranges that counts as grown
-_MOST = np.array([inf, 100.0, 1e3, 1e6, 1e4])  # s, m, m/s, m/s^2, N: beyond is no contact of an instrument
+# beyond is no contact of an instrument
+_MOST_M, _MOST_M_S, _MOST_M_S2, _MOST_N = 100.0, 1e3, 1e6, 1e4
 _LEAST_RANGE_M = 1e-6  # m, range of motion below which there is nothing to fit
 
 
@@ -48,7 +49,7 @@ class ContactFit:
         self._contact_s = 0.0 if prior is None else prior.contact_s
         self._samples = np.empty((5, 2 * int(_WINDOW_S / _STEP_S)))
         self._low_m, self._high_m, self._searched_range_m = inf, -inf, 0.0
-        self._new_until_s, self._due_s = -inf, inf
+        self._new_until_s, self._due_s, self._newest_s = -inf, inf, -inf
         self._under_way = False
         self._n = 0
 
@@ -74,21 +75,23 @@ class ContactFit:
         Out of order, less than 4 ms after the last, not finite, out of all bounds or at the end of the
         sensor's range, it is left out.
         """
-        sample = np.array((t_s, x_m, v_m_s, a_m_s2, force_n))
-        if not (isfinite(t_s) and (np.abs(sample) <= _MOST).all()) or self._sensor.at_limit(force_n):
+        dt = t_s - self._newest_s if self._n else inf
+        if dt < 0.9 * _STEP_S or not isfinite(t_s) or self._sensor.at_limit(force_n):
+            return
+        if not (abs(x_m) <= _MOST_M and abs(v_m_s) <= _MOST_M_S and abs(a_m_s2) <= _MOST_M_S2):
+            return
+        if not abs(force_n) <= _MOST_N:
             return
         if self._n == 0:
             self._due_s = t_s + _EVERY_S
-        dt = t_s - self._samples[0, self._n - 1] if self._n else inf
-        if dt < 0.9 * _STEP_S:
-            return
         if dt > GAP_S:
-            sample[2] = 0.0  # the states keep what they were: how it moved in a gap is not known
+            v_m_s = 0.0  # the states keep what they were: how it moved in a gap is not known
         if self._n == self._samples.shape[1]:
             self._n //= 2
             self._samples[:, : self._n] = self._samples[:, self._n :]
-        self._samples[:, self._n] = sample
+        self._samples[:, self._n] = t_s, x_m, v_m_s, a_m_s2, force_n
         self._n += 1
+        self._newest_s = t_s
         if self.contact is not None and x_m > self.contact.shape[0]:
             self._contact_s += min(dt, GAP_S)
         self._low_m, self._high_m = min(self._low_m, x_m), max(self._high_m, x_m)
@@ -100,7 +103,7 @@ class ContactFit:
         """A fit of the samples so far, at most one each .75 s of stamps and until `apply` took the last."""
         if self._under_way or self._searched_range_m == 0.0:
             return None
-        t_s = float(self._samples[0, self._n - 1])
+        t_s = self._newest_s
         if t_s < self._due_s:
             return None
         self._due_s, self._under_way = t_s + _EVERY_S, True

@@ -160,7 +160,7 @@ class _Columns:
         self._motions = {"sensor": stage, "shaft": instrument, "wall": instrument}
         self._gate: EffectEntry | None = None
         self._walls: dict[bool, WallMotion] = {}
-        self._newest: dict[int, _Block] = {}
+        self._blocks: dict[int, list[_Block]] = {i: [] for i, _ in self._sites}
 
     def at(self, shape: Array) -> Array:
         """Shape (rows, theta)."""
@@ -171,18 +171,19 @@ class _Columns:
         gate = None if self._contact is None else model.effects[self._contact]
         if gate != self._gate:
             self._gate, self._walls = gate, {}
-        for i, site in self._sites:
-            self._renew(i, model.effects[i], site)
-        return np.concatenate([self._newest[i].rows for i, _ in self._sites]).T
+        return np.concatenate([self._block(i, model.effects[i], site).rows for i, site in self._sites]).T
 
-    def _renew(self, i: int, entry: EffectEntry, site: Site) -> None:
-        """The block of one cause, where its shape or that of the contact is another one."""
-        newest = self._newest.get(i)
-        same = newest is not None and newest.entry == entry
-        if newest is not None and same and (site != "wall" or newest.gate == self._gate):
-            return
+    def _block(self, i: int, entry: EffectEntry, site: Site) -> _Block:
+        """The block of one cause. The two that were used last are kept, for a derivative leads back to where
+        it was taken.
+        """
+        kept = self._blocks[i]
+        for place, block in enumerate(kept):
+            if block.entry == entry and (site != "wall" or block.gate == self._gate):
+                kept.insert(0, kept.pop(place))
+                return block
         self._pause()
-        effect = newest.effect if newest is not None and same else entry.instance()
+        effect = next((block.effect for block in kept if block.entry == entry), None) or entry.instance()
         assert isinstance(effect, ForceEffect)
         everywhere = effect.remembers or bool(self._sensors)
         if site == "wall":
@@ -193,7 +194,8 @@ class _Columns:
         for sensor in self._sensors:
             columns = np.stack([sensor.readings(t, column, dt) for column in columns.T], axis=1)
         rows = (columns[self._rows] if everywhere else columns).T * self._root
-        self._newest[i] = _Block(entry, self._gate, effect, rows)
+        kept[:] = [_Block(entry, self._gate, effect, rows), *kept[:1]]
+        return kept[0]
 
     def _wall(self, everywhere: bool) -> WallMotion:
         if everywhere not in self._walls:

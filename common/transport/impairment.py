@@ -50,33 +50,24 @@ class Impairment:
         self._stall: tuple[int, int] | None = None
 
     def plan(self, now_ns: int) -> tuple[int, ...]:
-        entry_ns = self._after_stall(now_ns) if self._settings.stalls_per_s else now_ns
-        if self._lost():
+        settings, draw = self._settings, self._random.random
+        entry_ns = self._after_stall(now_ns) if settings.stalls_per_s else now_ns
+        if self._enter_burst:
+            self._in_burst ^= draw() < (self._leave_burst if self._in_burst else self._enter_burst)
+        if (settings.loss and draw() < settings.loss) or self._in_burst:
             return ()
-        due_ns = max(entry_ns + self._delay_ns(entry_ns), self._last_due_ns)
-        if self._happens(self._settings.reorder):
-            due_ns += round(self._settings.reorder_hold_s * _SECOND_NS)
+        delay_s = settings.delay_s
+        if settings.jitter_s:
+            self._vary(entry_ns)
+            delay_s += min(max(self._variation_s, -settings.jitter_s), settings.jitter_s)
+        due_ns = max(entry_ns + round(delay_s * _SECOND_NS), self._last_due_ns)
+        if settings.reorder and draw() < settings.reorder:
+            due_ns += round(settings.reorder_hold_s * _SECOND_NS)
         else:
             self._last_due_ns = due_ns
         delay_ns = due_ns - now_ns
-        return (delay_ns, delay_ns) if self._happens(self._settings.duplicate) else (delay_ns,)
-
-    def _happens(self, probability: float) -> bool:
-        return probability > 0 and self._random.random() < probability
-
-    def _lost(self) -> bool:
-        if self._enter_burst:
-            change = self._leave_burst if self._in_burst else self._enter_burst
-            self._in_burst ^= self._random.random() < change
-        return self._happens(self._settings.loss) or self._in_burst
-
-    def _delay_ns(self, entry_ns: int) -> int:
-        settings = self._settings
-        if not settings.jitter_s:
-            return round(settings.delay_s * _SECOND_NS)
-        self._vary(entry_ns)
-        clipped_s = min(max(self._variation_s, -settings.jitter_s), settings.jitter_s)
-        return round((settings.delay_s + clipped_s) * _SECOND_NS)
+        doubled = settings.duplicate and draw() < settings.duplicate
+        return (delay_ns, delay_ns) if doubled else (delay_ns,)
 
     def _vary(self, entry_ns: int) -> None:
         """Advances the delay's variation to the entry of this message; none between messages of one burst."""

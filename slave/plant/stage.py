@@ -26,6 +26,7 @@ class PlantStage:
         self._low_m, self._high_m = settings.travel_lower_m, settings.travel_upper_m
         self._fastest_m_s = settings.velocity_limit_m_s
         self._most_m_s2 = settings.acceleration_limit_m_s2
+        self._change_m_s = self._most_m_s2 * dt
         braking_m = self._fastest_m_s * (0.5 * self._fastest_m_s / self._most_m_s2 + 2.0 * dt)
         self._free_low_m, self._free_high_m = self._low_m + braking_m, self._high_m - braking_m
         self._watchdog_s = settings.device_watchdog_s
@@ -53,12 +54,15 @@ class PlantStage:
     def step(self, t: float) -> tuple[float, float, float]:
         """Advances by dt to time t; (x, v, a) of the carriage."""
         dt, x, before = self._dt, self.position_m, self.velocity_m_s
-        exact_m, demanded = self._demanded(t)
-        v = self._limited(before, demanded)
+        exact_m, v = self._demanded(t)
         if self._free_low_m < x < self._free_high_m:
-            x = exact_m if v == demanded else x + v * dt
+            if abs(v - before) <= self._change_m_s and abs(v) <= self._fastest_m_s:
+                x = exact_m
+            else:
+                v = self._limited(before, v)
+                x += v * dt
         else:
-            v = self._stoppable(v)
+            v = self._stoppable(self._limited(before, v))
             x = self._within_travel(x + v * dt)  # rounding only
         self.position_m, self.velocity_m_s = x, v
         a = (v - before) / dt
@@ -89,7 +93,7 @@ class PlantStage:
 
     def _limited(self, v: float, demanded: float) -> float:
         """The velocity nearest to `demanded` that one step from v can reach."""
-        change, fastest = self._most_m_s2 * self._dt, self._fastest_m_s
+        change, fastest = self._change_m_s, self._fastest_m_s
         if demanded > v + change:
             demanded = v + change
         elif demanded < v - change:
@@ -103,7 +107,7 @@ class PlantStage:
 
         Braking by A dt per step covers at most v^2 / 2A + v dt / 2 + A dt^2 / 8, the first step included.
         """
-        brake = self._most_m_s2 * self._dt
+        brake = self._change_m_s
         room = self._high_m - self.position_m if v > 0.0 else self.position_m - self._low_m
         room = max(0.0, room - 0.125 * brake * self._dt)
         largest = sqrt(0.25 * brake * brake + 2.0 * self._most_m_s2 * room) - 0.5 * brake

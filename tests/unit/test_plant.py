@@ -154,7 +154,7 @@ def velocity_stop_m() -> float:
     return stage.velocity_limit_m_s**2 / (2 * stage.acceleration_limit_m_s2) + 1e-4
 
 
-DT = 5e-4
+DT = 2e-4
 CATCH = preset("catheter").stage
 
 
@@ -197,7 +197,7 @@ def test_no_setpoint_breaks_a_limit(
             step += 1
             x, v, a = plant.step(step * DT)
             assert -travel_m <= x <= travel_m
-            assert x - before == pytest.approx(v * DT, abs=acceleration * DT * DT)  # no crash into an end
+            assert abs(x - before) <= (velocity + acceleration * DT) * DT  # no crash into an end
             before = x
             assert abs(v) <= velocity * (1 + 1e-9)
             assert abs(a) <= acceleration * (1 + 1e-6)
