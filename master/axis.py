@@ -80,7 +80,7 @@ class MasterAxis:
         self.stopping = False
         self._failed = self._pressed = False
         self.faulted = False
-        self._prior, self._suspicion = printable(prior), ""
+        self._prior, self._suspicion, self._judged_fits = printable(prior), "", 0
         if prior:
             self.events.notices.add(f"prior: {prior}")
         self._connect(bus)
@@ -275,9 +275,12 @@ class MasterAxis:
 
     def publish_parameters(self, now_ns: int) -> None:
         """Publishes the contact as it is known now, about 20 Hz."""
-        if not self._suspicion and (said := suspicion(self.identification.learner)):
-            self._suspicion = said
-            self.events.notices.add(said)
+        learner = self.identification.learner
+        if learner.fits != self._judged_fits and not self._suspicion:
+            self._judged_fits = learner.fits
+            self._suspicion = suspicion(learner)
+            if self._suspicion:
+                self.events.notices.add(self._suspicion)
         header = self._parameters.header(self.session.session_id, now_ns)
         self._parameters.send(model_parameters(header, self.identification, self._prior))
 

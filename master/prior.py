@@ -30,8 +30,8 @@ def load(wanted: PredictionSettings) -> tuple[ContactPrior | None, str]:
 
 def suspicion(learner: Learner) -> str:
     """That the gain of the load cell is in doubt, in one line; empty where it is not."""
-    prior, learned = learner.prior, learner.learned
-    if prior is None or learned is None or learner.contact_s < _SUSPECT_S:
+    prior = learner.prior
+    if prior is None or learner.contact_s < _SUSPECT_S or (learned := learner.learned) is None:
         return ""
     if 1.0 / _SUSPECT < (ratio := force_ratio(prior, learned)) < _SUSPECT:
         return ""

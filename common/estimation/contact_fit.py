@@ -312,7 +312,8 @@ class _Solver:
             best = self._searched(min(best, anew, key=lambda each: each.cost), occasional)
         for _ in range(_STEPS):
             best = self._stepped(best, occasional)
-        lean, rich = self._point(best.shape, False), self._point(best.shape, True)
+        lean = self._point(best.shape, False) if occasional else best
+        rich = best if occasional else self._point(best.shape, True)
         foreseen = bool(self._belief.theta[list(self._causes.occasional)].any())
         worth = rich.cost < (lean.cost if foreseen else (1.0 - _WORTH) * lean.cost - _LEAST_WORTH)
         if worth != occasional:

@@ -70,16 +70,13 @@ _LEARNED = record(Learned)
 class Snapshot:
     """All that the learner has learned, as it gives it to the evaluator; nobody changes it.
 
-    `learned`: one record of `Learned`, in an array. `contact`: None before any is known.
+    `learned`: one record of `Learned`, in an array. `contact`: None before any is known. `band_known`:
+    whether any prediction has been compared with the force that came.
     """
 
     learned: NDArray[np.void]
     contact: Contact | None
-
-    @property
-    def band_known(self) -> bool:
-        """Whether any prediction has been compared with the force that came."""
-        return math.isfinite(float(self.learned["factor"][0]))
+    band_known: bool = False
 
 
 def nothing_learned() -> NDArray[np.void]:

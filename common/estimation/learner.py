@@ -152,7 +152,7 @@ class Learner:
         learned = nothing_learned()
         _publish(self._knowledge, learned)
         learned["renewals"] = self.renewals
-        return Snapshot(learned, self._fit.contact)
+        return Snapshot(learned, self._fit.contact, math.isfinite(float(learned["factor"][0])))
 
     @property
     def contact_s(self) -> float:

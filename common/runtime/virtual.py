@@ -63,10 +63,10 @@ class VirtualRuntime:
         """Advances by `duration_ns`. `progress` is called every 100 ms of it; False ends the run."""
         end_ns = self.clock.now_ns() + duration_ns
         next_report = self.clock.now_ns()
-        events = self._events
+        events, set_ns = self._events, self.clock.set_ns
         while events and events[0][0] <= end_ns:
             due_ns, _, period_ns, action = events[0]
-            self.clock.set_ns(due_ns)
+            set_ns(due_ns)
             if period_ns:
                 heapq.heapreplace(events, (due_ns + period_ns, next(self._order), period_ns, action))
                 action(due_ns)
