@@ -14,21 +14,9 @@ from types import TracebackType
 from typing import BinaryIO, Self
 from zlib import crc32
 
+from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import (
-    Channel,
-    Chunk,
-    ChunkIndex,
-    DataEnd,
-    Footer,
-    Header,
-    McapRecord,
-    Metadata,
-    MetadataIndex,
-    Schema,
-    Statistics,
-)
 from mcap.writer import LIBRARY_IDENTIFIER, MCAP0_MAGIC
 
 from forefeel.common.codec import decode
@@ -44,7 +32,7 @@ _MESSAGE_HEAD = _MESSAGE.size - 9  # bytes of it that count for the length
 class _Topic:
     """A channel with its messages in the chunk: log time and place of each in turn."""
 
-    def __init__(self, channel: Channel, kind: type[Message]) -> None:
+    def __init__(self, channel: records.Channel, kind: type[Message]) -> None:
         self.channel, self.kind = channel, kind
         self.index: list[int] = []
         self.written = 0
@@ -59,20 +47,21 @@ class _ChunkedFile:
         self._stream = stream
         self._chunk = bytearray()
         self._topics: list[_Topic] = []
-        self._schemas: dict[str, Schema] = {}
-        self._chunks: list[ChunkIndex] = []
-        self._metadata: list[MetadataIndex] = []
+        self._schemas: dict[str, records.Schema] = {}
+        self._chunks: list[bytes] = []  # index records; as objects they would take ten times the memory
+        self._span_ns: tuple[int, int] | None = None
+        self._metadata: list[records.MetadataIndex] = []
         stream.write(MCAP0_MAGIC)
-        self._put(Header("", LIBRARY_IDENTIFIER))
+        self._put(records.Header("", LIBRARY_IDENTIFIER))
 
     def topic(self, key: str, kind: type[Message], metadata: dict[str, str]) -> _Topic:
         """A new channel of JSON messages of that kind."""
         name = kind.__name__
         if name not in self._schemas:
             text = json.dumps(kind.model_json_schema(mode="serialization"))
-            self._schemas[name] = Schema(len(self._schemas) + 1, text.encode(), "jsonschema", name)
+            self._schemas[name] = records.Schema(len(self._schemas) + 1, text.encode(), "jsonschema", name)
             self._chunk += _bytes(self._schemas[name])
-        channel = Channel(len(self._topics) + 1, key, "json", metadata, self._schemas[name].id)
+        channel = records.Channel(len(self._topics) + 1, key, "json", metadata, self._schemas[name].id)
         self._chunk += _bytes(channel)
         self._topics.append(_Topic(channel, kind))
         return self._topics[-1]
@@ -87,8 +76,8 @@ class _ChunkedFile:
             self.end_chunk()
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
-        at, length = self._put(Metadata(name, values))
-        self._metadata.append(MetadataIndex(at, length, name))
+        at, length = self._put(records.Metadata(name, values))
+        self._metadata.append(records.MetadataIndex(at, length, name))
 
     def end_chunk(self) -> None:
         """Writes the chunk in progress, with its indexes, unless it holds no message."""
@@ -98,7 +87,7 @@ class _ChunkedFile:
         first_ns = min(min(topic.index[::2]) for topic in inside)
         last_ns = max(max(topic.index[::2]) for topic in inside)
         data, size = bytes(self._chunk), len(self._chunk)
-        at, length = self._put(Chunk("", data, last_ns, first_ns, crc32(data), size))
+        at, length = self._put(records.Chunk("", data, last_ns, first_ns, crc32(data), size))
         places, index_at = {}, self._stream.tell()
         for topic in inside:
             places[topic.channel.id] = self._stream.tell()
@@ -106,43 +95,48 @@ class _ChunkedFile:
             topic.written += len(topic.index) // 2
             topic.index.clear()
         index_length = self._stream.tell() - index_at
-        self._chunks.append(ChunkIndex(length, at, "", size, last_ns, index_length, places, first_ns, size))
+        index = records.ChunkIndex(length, at, "", size, last_ns, index_length, places, first_ns, size)
+        self._chunks.append(_bytes(index))
+        before_ns = self._span_ns or (first_ns, last_ns)
+        self._span_ns = min(first_ns, before_ns[0]), max(last_ns, before_ns[1])
         self._chunk.clear()
 
     def finish(self) -> None:
         """Writes summary and footer."""
         self.end_chunk()
-        self._put(DataEnd(0))
+        self._put(records.DataEnd(0))
         channels = [topic.channel for topic in self._topics]
-        records = (*self._schemas.values(), *channels, self._statistics(), *self._chunks, *self._metadata)
-        start, summary = self._stream.tell(), b"".join(map(_bytes, records))
+        before = map(_bytes, (*self._schemas.values(), *channels, self._statistics()))
+        start = self._stream.tell()
+        data = b"".join((*before, *self._chunks, *map(_bytes, self._metadata)))
         footer = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, 0)  # what its checksum covers
-        self._stream.write(summary)
-        self._put(Footer(start, 0, crc32(footer, crc32(summary))))
+        self._stream.write(data)
+        self._put(records.Footer(start, 0, crc32(footer, crc32(data))))
         self._stream.write(MCAP0_MAGIC)
 
-    def _statistics(self) -> Statistics:
+    def _statistics(self) -> records.Statistics:
         counts = {topic.channel.id: topic.written for topic in self._topics if topic.written}
-        return Statistics(
+        first_ns, last_ns = self._span_ns or (0, 0)
+        return records.Statistics(
             attachment_count=0,
             channel_count=len(self._topics),
             channel_message_counts=counts,
             chunk_count=len(self._chunks),
             message_count=sum(counts.values()),
-            message_end_time=max((each.message_end_time for each in self._chunks), default=0),
-            message_start_time=min((each.message_start_time for each in self._chunks), default=0),
+            message_end_time=last_ns,
+            message_start_time=first_ns,
             metadata_count=len(self._metadata),
             schema_count=len(self._schemas),
         )
 
-    def _put(self, record: McapRecord) -> tuple[int, int]:
+    def _put(self, record: records.McapRecord) -> tuple[int, int]:
         """Place and length of a record that is written now."""
         at, data = self._stream.tell(), _bytes(record)
         self._stream.write(data)
         return at, len(data)
 
 
-def _bytes(record: McapRecord) -> bytes:
+def _bytes(record: records.McapRecord) -> bytes:
     builder = RecordBuilder()
     record.write(builder)
     data: bytes = builder.end()  # type: ignore[no-untyped-call]
