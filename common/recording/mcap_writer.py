@@ -248,7 +248,9 @@ class RunWriter:
         if parsed is None:
             raise ValueError(f"{key!r}: expected forefeel/cell/axis/topic with a topic of the table")
         cell, axis, topic = parsed
-        self._topics[key] = self._mcap.topic(topic.key(cell, axis), topic.message, {"cell": cell, "axis": axis})
+        self._topics[key] = self._mcap.topic(
+            topic.key(cell, axis), topic.message, {"cell": cell, "axis": axis}
+        )
         return self._topics[key]
 
     @contextmanager
