@@ -35,9 +35,9 @@ class LimitHit(NamedTuple):
 
 
 def _clip(value: float, bound: float) -> float:
-    if value > bound:
-        return bound
-    return -bound if value < -bound else value
+    if value < bound:
+        return value if value > -bound else -bound
+    return bound
 
 
 def _stoppable_m_s(room_m: float, deceleration_m_s2: float, lag_s: float) -> float:
