@@ -267,6 +267,7 @@ def _process(settings: DaemonSettings, role: Role, host: Host | None, connect: C
     runtime = RealRuntime(priority, host)
     runtime.host.prepare_process()
     runtime.host.prepare_thread(priority - _BELOW_THE_LOOP if priority else 0)
+    runtime.host.keep_core(highest=role == "slave")
     loop = asyncio.get_running_loop()
     with (
         heeded(lambda: loop.call_soon_threadsafe(runtime.stop)),

@@ -29,9 +29,9 @@ if TYPE_CHECKING:
     from forefeel.network_settings import ObserverSettings
 
 _QUEUE_MESSAGES = 100_000  # messages that wait for the disk: half a minute of an axis, three streams at 1 kHz
-_WRITE_EVERY_S = 0.1
+_WRITE_EVERY_S = 0.025  # a killed recorder loses that, and what its batches wait at the sender (`BATCH_NS`)
 _POLL_S = 0.1
-_FLUSH_ROUNDS = 10  # batches between two flushes: a killed recorder loses a second
+_FLUSH_ROUNDS = 40  # between two flushes: a host without power loses a second
 
 
 class Recorder:
@@ -133,6 +133,7 @@ class Recorder:
             with self._writer:
                 while not self._closing.wait(_WRITE_EVERY_S):
                     self._write_batch()
+                    self._writer.end_chunk()
                     self.rounds += 1
                     if self.rounds % _FLUSH_ROUNDS == 0:
                         self._writer.flush()

@@ -92,6 +92,8 @@ class SteppedHost(Host):
     def prepare_thread(self, priority: int) -> str:
         return f"priority {priority} not asked for"
 
+    def keep_core(self, highest: bool) -> None: ...
+
     def run(self, coroutine: Coroutine[Any, Any, T]) -> T:
         with asyncio.Runner(loop_factory=lambda: SteppedLoop(self.stepped)) as runner:
             return runner.run(coroutine)
