@@ -142,6 +142,7 @@ class RealtimeThread:
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._priority = 0
         self._wake_up = WakeUp()
+        self._ahead = True
 
     def start(self, priority: int) -> None:
         self._priority = priority
@@ -155,6 +156,7 @@ class RealtimeThread:
     def _run(self) -> None:
         try:
             self.scheduling = prepare_thread(self._priority)
+            self._ahead = os.sched_getscheduler(0) == os.SCHED_FIFO
             ctypes.CDLL(None).prctl(_PR_SET_NAME, self.name.encode(), 0, 0, 0)  # as top -H and perf show it
             self.pace()
         except BaseException as error:  # noqa: BLE001 - the thread's last line: every fault goes to the safety reaction
@@ -180,9 +182,10 @@ class RealtimeThread:
 
     def _wait(self, deadline_ns: int) -> None:
         """To the deadline, the last moment of it as the one thread of the process that runs; not so after a
-        tick that took that long or was late, or nobody else would ever run.
+        tick that took that long or was late, or nobody else would ever run, and not under normal scheduling,
+        where it is processors that are waited for.
         """
-        if self._clock.now_ns() > deadline_ns - _LEAD_NS:
+        if not self._ahead or self._clock.now_ns() > deadline_ns - _LEAD_NS:
             self._clock.sleep_until_ns(deadline_ns)
             return
         self._clock.sleep_until_ns(deadline_ns - _LEAD_NS)
