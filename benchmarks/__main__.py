@@ -49,7 +49,7 @@ ALL = (
     Benchmark(
         "message_path", "How long does a message take between two processes, beside other buses?", True
     ),
-    Benchmark("lateness", "How late are the loops of the running service, beside cyclictest?", True),
+    Benchmark("cell", "What does a cell cost, and how late are its loops, beside cyclictest?"),
     Benchmark("security", "What do certificates and the gate cost?"),
     Benchmark("estimation", "Identification and prediction, beside padasip, statsmodels, filterpy"),
     Benchmark("prediction", "How far off is the predictor, beside others?", True, words=("--delays", "300")),

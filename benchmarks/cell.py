@@ -1,22 +1,30 @@
-"""What a cell with its recorder costs by process and thread, how late its loops and how old its forces are:
-`python -m benchmarks.processor [--rounds 3] [--seconds 20] [--before CHECKOUT]`.
+"""What a cell with its recorder costs by process and thread, how late its loops are beside `cyclictest` of
+Debian's rt-tests, and how old its forces: as root, `python -m benchmarks.cell [--rounds 3] [--seconds 20]
+[--before CHECKOUT]`.
 
-`--before`: another version takes turns with this one, in the same run.
+Service and cyclictest take turns, both with SCHED_FIFO 50, 1 kHz and locked memory. cyclictest does nothing
+in its loop; the service does all its work on the same processors. `--before`: another version takes turns,
+too.
 """
 
 import argparse
 import json
 import os
+import shutil
 import subprocess
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Iterator
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext, suppress
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
+_SHARES = {"p99": 0.99, "p99.9": 0.999}
+_MOST_US = 100_000  # us, end of cyclictest's histogram
 _SETTLE_S = 3.0  # s from the open session to the measurement
 _ROLES = "slave", "master"
 _THREADS = {"control": "loop", "haptic": "loop", "rx": "Zenoh", "tx": "Zenoh", "net": "Zenoh", "acc": "Zenoh"}
@@ -42,20 +50,59 @@ print(json.dumps(found))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.processor")
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.cell")
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=20.0)
     parser.add_argument("--before", type=Path, help="a checkout of the version before")
     asked = parser.parse_args()
+    if shutil.which("cyclictest") is None:
+        sys.exit("benchmarks.cell: cyclictest is not installed; expected Debian's rt-tests")
     versions = {"now": Path.cwd()} | ({"before": asked.before.resolve()} if asked.before else {})
-    rounds = [
-        {name: cell(path, asked.seconds) for name, path in versions.items()} for _ in range(asked.rounds)
-    ]
     print(f"{os.cpu_count()} cores, {asked.rounds} rounds of {asked.seconds:g} s, medians; % of a core")
-    print(f"{'':34}" + "".join(f"{name:>10}" for name in versions))
-    for what in rounds[0]["now"]:
-        values = [median(each[name].get(what, 0.0) for each in rounds) for name in versions]
-        print(f"{what:34}" + "".join(f"{value:10.1f}" for value in values))
+    for machine, neighbour in (("quiet", nullcontext()), ("beside a program that only computes", busy())):
+        with neighbour:
+            table(machine, versions, asked.rounds, asked.seconds)
+
+
+def table(machine: str, versions: Mapping[str, Path], rounds: int, seconds: float) -> None:
+    """Prints a line for each quantity, a column for each version; the lateness also as a ratio to that of
+    cyclictest in the same round.
+    """
+    found: dict[str, dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
+    for _ in range(rounds):
+        bare = cyclictest(seconds)
+        for name, checkout in versions.items():
+            for what, value in cell(checkout, seconds).items():
+                found[what][name].append(value)
+            for share, late_us in bare.items():
+                found[f"cyclictest late {share}, us"][name].append(late_us)
+                for role in _ROLES:
+                    value = found[f"{role} late {share}, us"][name][-1]
+                    found[f"{role} late {share} / cyclictest"][name].append(value / late_us)
+    print(f"\n{machine:40}" + "".join(f"{name:>10}" for name in versions))
+    for what, values in found.items():
+        print(f"{what:40}" + "".join(f"{median(values[name] or [0.0]):10.1f}" for name in versions))
+
+
+@contextmanager
+def busy() -> Iterator[None]:
+    with subprocess.Popen([sys.executable, "-c", "while True: pass"]) as process:
+        try:
+            yield
+        finally:
+            process.kill()
+
+
+def cyclictest(seconds: float) -> dict[str, float]:
+    """Lateness in us by share, of a loop that does nothing, with the machine for itself."""
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "found.json"
+        words = ["--quiet", "--mlockall", "--policy=fifo", "--priority=50", "--interval=1000", "--threads=1"]
+        bounds = [f"--duration={round(seconds)}s", f"--histogram={_MOST_US}", f"--json={file}"]
+        subprocess.run(["cyclictest", *words, *bounds], check=True, stdout=subprocess.DEVNULL)
+        counts = json.loads(file.read_text())["thread"]["0"]["histogram"]
+    late_us = np.sort(np.repeat([int(each) for each in counts], list(counts.values())))
+    return {name: float(np.quantile(late_us, share)) + 0.5 for name, share in _SHARES.items()}
 
 
 def cell(checkout: Path, seconds: float) -> dict[str, float]:
