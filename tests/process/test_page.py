@@ -14,6 +14,7 @@ from forefeel.report.page import write_report
 from tests.browser import Served, Shown, Speaker, installed_chromium
 from tests.unit.dashboard.said import CELL, HOSTILE, safety
 from tests.unit.report_run import write_known_run
+from tests.waiting import wait_until
 
 HOSTILE_AXIS = "<i>axis"
 VESSEL = f"""
@@ -115,14 +116,17 @@ def test_report_in_a_browser_shows_values_and_a_part(tmp_path: Path) -> None:
     with installed_chromium(tmp_path) as chromium, Shown(chromium, url) as shown:
         picture = shown.page.locator('canvas[aria-label="Force"]')
         script = "document.querySelector('canvas[aria-label=Force]').toDataURL()"
+        shown.page.wait_for_function(
+            "document.querySelector('canvas[aria-label=Force]').width > 300"
+        )  # drawn
         seen = [shown.ask(script)]
         picture.hover(position={"x": 500, "y": 200})
+        wait_until(lambda: shown.ask(script) not in seen)
         seen.append(shown.ask(script))
         picture.drag_to(picture, source_position={"x": 300, "y": 200}, target_position={"x": 500, "y": 200})
         shown.page.mouse.move(0, 0)
-        seen.append(shown.ask(script))
-        assert len(set(seen)) == 3
+        wait_until(lambda: shown.ask(script) not in seen)
         picture.dblclick(position={"x": 500, "y": 200})
         shown.page.mouse.move(0, 0)
-        assert shown.ask(script) == seen[0]
+        wait_until(lambda: shown.ask(script) == seen[0])
         assert (shown.errors, shown.asked) == ([], {url})
