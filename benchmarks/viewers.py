@@ -16,6 +16,7 @@ from pathlib import Path
 
 from benchmarks.cells import Heard, Laboratory
 from forefeel.common.clock import MonotonicClock
+from forefeel.common.codec import counted
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
@@ -71,22 +72,22 @@ def _loops(heard: Heard) -> dict[str, float]:
 def watch(endpoint: str, seconds: float) -> None:
     """A viewer; prints how many messages it heard a second."""
     os.nice(19)
-    counted = [0]
+    heard = [0]
 
-    def hear(_key: str, _payload: bytes, _receive_ns: int) -> None:
-        counted[0] += 1
+    def hear(_key: str, payload: bytes, _receive_ns: int) -> None:
+        heard[0] += counted(payload)
 
     settings = TransportSettings(mode="client", connect=(endpoint,))
     transport = ZenohTransport.open(settings, MonotonicClock(), print, Party("viewer", (_CELL,)))
     try:
         transport.subscribe_all(f"forefeel/{_CELL}", hear)
-        while not counted[0]:
+        while not heard[0]:
             time.sleep(0.01)
         print("hears", flush=True)
         sys.stdin.readline()
-        first, start_s = counted[0], time.monotonic()
+        first, start_s = heard[0], time.monotonic()
         time.sleep(seconds)
-        print((counted[0] - first) / (time.monotonic() - start_s))
+        print((heard[0] - first) / (time.monotonic() - start_s))
     finally:
         transport.close()
 

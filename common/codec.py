@@ -46,8 +46,7 @@ def decode(kind: type[M], payload: bytes) -> M:
     try:
         fields = _decoder(kind).decode(payload)
     except _REFUSED as error:
-        told = repr(str(error))[1:-1]  # may hold a name from the network: one line
-        raise CodecError(f"{kind.__name__}: {told[-200:]}") from error
+        raise _refusal(kind, error) from error
     return _message(kind, fields)
 
 
@@ -68,8 +67,18 @@ def decode_batch(kind: type[M], payload: bytes) -> list[M]:
     try:
         batch = _batch_decoder(kind).decode(payload)
     except _REFUSED as error:
-        raise CodecError(f"batch of {kind.__name__}: {repr(str(error))[1:-1][-200:]}") from error
+        raise _refusal(kind, error) from error
     return [_message(kind, fields) for fields in batch]
+
+
+def counted(payload: bytes) -> int:
+    """How many messages a payload says that it holds: one, or those of a batch."""
+    return min(int.from_bytes(payload[1:5], "big"), MOST_BATCHED) if payload[:1] == _ARRAY else 1
+
+
+def _refusal(kind: type[Message], error: Exception) -> CodecError:
+    told = repr(str(error))[1:-1]  # may hold a name from the network: one line
+    return CodecError(f"{kind.__name__}: {told[-200:]}")
 
 
 def _message(kind: type[M], fields: msgspec.Struct) -> M:

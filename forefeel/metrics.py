@@ -21,7 +21,7 @@ from prometheus_client.core import (
 from prometheus_client.registry import Collector
 
 from forefeel.common.clock import Clock, MonotonicClock
-from forefeel.common.codec import decode
+from forefeel.common.codec import counted, decode
 from forefeel.common.errors import CodecError, EndpointError, RunError
 from forefeel.common.messages import (
     LimitEvent,
@@ -105,7 +105,7 @@ class CellMetrics(Collector):
                 if len(self._axes) == _MOST_AXES:
                     return
                 self._axes.add(axis)
-            self._counts[axis, topic.name] += 1
+            self._counts[axis, topic.name] += counted(payload)
             if topic.name not in _READ:
                 return
             try:

@@ -150,7 +150,7 @@ def _message_index(topic: _Topic) -> bytes:
 
 
 class RunWriter:
-    """Writes payloads as they come from the wire; for one thread.
+    """Writes messages, or payloads as they come from the wire; for one thread.
 
     A process that is killed leaves everything up to the last `end_chunk`, a host without power up to the last
     `flush`: of a file without its summary the reader takes the whole chunks.
@@ -194,7 +194,7 @@ class RunWriter:
         self._add(topic, message, receive_ns)
 
     def write_message(self, key: str, message: Message, receive_ns: int) -> None:
-        """Adds a message that never was a payload.
+        """Adds a message.
 
         Raises:
             ValueError: `key` is no key of the topic table.

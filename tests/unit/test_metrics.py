@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("prometheus_client")
 
 from forefeel.common.clock import VirtualClock
-from forefeel.common.codec import encode
+from forefeel.common.codec import encode, encode_batch
 from forefeel.common.errors import EndpointError
 from forefeel.common.messages import (
     LimitEvent,
@@ -64,6 +64,7 @@ def test_the_newest_state_is_told_with_its_age() -> None:
     cell = CellMetrics(VirtualClock(6 * S))
     heard(cell, SLAVE_STATE, slave_state(state=SafetyState.READY))
     heard(cell, SLAVE_STATE, slave_state())
+    cell.hear(FORCE.key("cathlab", "insertion"), encode_batch([b""] * 3), 5 * S)
     found = values(cell)
     assert at(found, "forefeel_safety_state", state="armed") == 1.0
     assert at(found, "forefeel_safety_state", state="ready") == 0.0
@@ -73,6 +74,7 @@ def test_the_newest_state_is_told_with_its_age() -> None:
     assert at(found, "forefeel_clock_offset_seconds", role="slave") == -0.002
     assert at(found, "forefeel_state_age_seconds", topic="slave/state") == pytest.approx(1.0)
     assert at(found, "forefeel_messages_total", topic="slave/state") == 2
+    assert at(found, "forefeel_messages_total", topic="slave/force") == 3
 
 
 def test_each_axis_and_each_end_stands_for_itself() -> None:
