@@ -14,12 +14,10 @@ from forefeel.common.messages import (
     SlaveState,
 )
 from forefeel.common.topics import MASTER_TIMING, Topic
-from forefeel.dashboard.comparison import Comparison
-from forefeel.dashboard.detector import ModelWatch
+from forefeel.dashboard.detector import Comparison, ModelWatch
 from forefeel.dashboard.event_log import EventList
-from forefeel.dashboard.rings import SampleRing
 from forefeel.dashboard.timeline import Timeline
-from forefeel.dashboard.trace import SPAN_S, MinMaxTrace
+from forefeel.dashboard.trace import SPAN_S, MinMaxTrace, SampleRing
 
 # commands that are remembered: 8.2 s at 1 kHz, four times the longest round trip of a session
 _REMEMBERED_COMMANDS = 8192

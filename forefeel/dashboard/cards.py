@@ -2,8 +2,7 @@
 
 from collections.abc import Mapping
 from math import isfinite
-from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -21,17 +20,14 @@ from forefeel.common.topics import (
     SLAVE_TIMING,
 )
 from forefeel.dashboard.axis_view import AxisView
-from forefeel.dashboard.comparison import SPAN_S as COMPARED_S
-from forefeel.dashboard.detector import Signs
-from forefeel.dashboard.event_log import EventList
-from forefeel.dashboard.levels import BAD, GOOD, OFF, WARN, Level
+from forefeel.dashboard.detector import COMPARED_S, Signs
+from forefeel.dashboard.event_log import EventList, Level
 from forefeel.dashboard.lights import lights, safety_word
 from forefeel.dashboard.trace import SPAN_S
 from forefeel.dashboard.vessel import friction
 from forefeel.report.wording import micros, named, number, scale, share
 
 Card = dict[str, Any]
-Past = Literal["live", "whole", "part"]
 _BINS = 36  # bars of the histogram of the delay
 # s, least width of the histogram
 _LEAST_SPREAD_S = 2e-3
@@ -52,7 +48,6 @@ _COUNTED = {
 }
 """Kinds of counters, by what their names hold; the first that fits."""
 
-NOTHING: Mapping[str, int] = MappingProxyType({})
 _LEADS = {
     "": "nobody yet",
     "zoh": "zero-order hold: the newest force that arrived",
@@ -85,10 +80,14 @@ def gain(view: AxisView, now_ns: int) -> Card:
     errors = view.comparison.errors(view.timeline.now_s(now_ns))
     delays_s = view.delays.rows()[-_TICKS_OF_DELAY:, 1]
     if errors is None or not len(delays_s):
-        return {"level": OFF, "head": "not judged yet", "more": "forces that answer commands are waited for"}
+        return {
+            "level": "off",
+            "head": "not judged yet",
+            "more": "no force has answered a command yet",
+        }
     predicted, late = (_millinewtons(error_n) for error_n in errors)
     return {
-        "level": GOOD if errors.predicted_n < errors.late_n else WARN,
+        "level": "good" if errors.predicted_n < errors.late_n else "warn",
         "head": f"{1e3 * float(np.median(delays_s)):.0f} ms ahead: error {predicted} mN in place of {late}",
         "more": f"rms of the last {COMPARED_S} s",
     }
@@ -181,32 +180,24 @@ def energy(view: AxisView, now_ns: int) -> Card:
     """What the hand has put in, on balance: below zero the handle has given more than it took."""
     felt = view.newest.haptics
     if felt is None or not _fresh(view, HAPTICS.name, now_ns):
-        return {"level": OFF, "value": UNKNOWN, "words": "no hand heard"}
-    level: Level = GOOD if felt.energy_j >= 0.0 else WARN
-    words = "passive" if level == GOOD else "the handle has given more than it took"
+        return {"level": "off", "value": UNKNOWN, "words": "no hand heard"}
+    level: Level = "good" if felt.energy_j >= 0.0 else "warn"
+    words = "passive" if level == "good" else "the handle has given more than it took"
     lowest = f"lowest {quantity(view.worst_energy_j, 'J')}"
     return {"level": level, "value": quantity(felt.energy_j, "J"), "words": f"{words} · {lowest}"}
 
 
-def watch(view: AxisView, now_ns: int, past: Past = "live") -> Card:
-    """Whether the model fits; `since_s` on the clock of who listens. `past`: what was heard before."""
+def watch(view: AxisView, now_ns: int) -> Card:
+    """Whether the model went wrong; `since_s` on the clock of who listens."""
     alarm, now_s = view.watch.alarm, view.timeline.now_s(now_ns)
     if alarm is None:
         signs = view.watch.signs if _fresh(view, PARAMETERS.name, now_ns, _MODEL_S) else Signs()
-        level, since_s, how = GOOD, None, ""
-        word, next_ = "the model fits", ""
+        level, since_s, how, word, next_ = "good", None, "", "no change in sight", ""
         if signs.innovation_ratio is None:
-            level, word, next_ = (
-                OFF,
-                "nothing to judge by",
-                "It needs a hand that moves.",
-            )
-        if past == "part":
-            level, word = OFF, "no change in sight"
-            next_ = "Compared with the seconds before only. Played from its begin it is judged as a whole."
+            level, word, next_ = "off", "nothing to judge by", "It needs a hand that moves."
     else:
         signs, how = Signs(alarm.innovation_ratio, alarm.outside_share), "at worst "
-        level, since_s = WARN, round(now_ns * 1e-9 - (now_s - alarm.since_s), 1)
+        level, since_s = "warn", round(now_ns * 1e-9 - (now_s - alarm.since_s), 1)
         word, next_ = "the model is wrong", "forefeel diagnose names the cause, from the recording."
     parts = []
     if signs.innovation_ratio is not None:
@@ -225,11 +216,11 @@ def loops(view: AxisView, now_ns: int) -> list[Card]:
 
 def _loop(role: str, timing: LoopTiming | None) -> Card:
     if timing is None:
-        return {"who": role, "level": OFF, "word": "not heard", "p50": UNKNOWN, "p99": UNKNOWN,
+        return {"who": role, "level": "off", "word": "not heard", "p50": UNKNOWN, "p99": UNKNOWN,
                 "max": UNKNOWN, "missed": UNKNOWN}  # fmt: skip
     share = timing.missed / max(1, timing.ticks + timing.missed)
-    level: Level = BAD if share > 0.05 else WARN if share > 0.001 or timing.p99_us > _TICK_US else GOOD
-    word = {GOOD: "on time", WARN: "late", BAD: "misses"}[level]
+    level: Level = "bad" if share > 0.05 else "warn" if share > 0.001 or timing.p99_us > _TICK_US else "good"
+    word = {"good": "on time", "warn": "late", "bad": "misses"}[level]
     return {
         "who": role,
         "level": level,
@@ -241,7 +232,7 @@ def _loop(role: str, timing: LoopTiming | None) -> Card:
     }
 
 
-def counted(view: AxisView, now_ns: int, own: Mapping[str, int] = NOTHING) -> str:
+def counted(view: AxisView, now_ns: int, own: Mapping[str, int] = {}) -> str:
     """What became of messages, by the counters of both ends and the page's `own`, as they were said last."""
     states = view.newest.slave, view.newest.master
     counters = [own, *(state.counters for state in states if state is not None)]
@@ -256,17 +247,8 @@ def counted(view: AxisView, now_ns: int, own: Mapping[str, int] = NOTHING) -> st
 
 
 def events(log: EventList) -> list[Card]:
-    """The newest first; `heard_s`: when, on the clock of who listens."""
-    return [
-        {
-            "number": line.number,
-            "heard_s": round(line.receive_ns * 1e-9, 3),
-            "level": line.level,
-            "who": line.who,
-            "text": line.text,
-        }
-        for line in reversed(list(log))
-    ]
+    """The newest first."""
+    return [line._asdict() for line in reversed(list(log))]
 
 
 def _fresh(view: AxisView, topic: str, now_ns: int, most_s: float = _FRESH_S) -> bool:

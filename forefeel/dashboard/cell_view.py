@@ -7,7 +7,6 @@ from forefeel.common.errors import CodecError
 from forefeel.common.messages import Message
 from forefeel.common.topics import COMMAND, MASTER_HEARTBEAT, SLAVE_HEARTBEAT, Topic, parse_key
 from forefeel.dashboard.axis_view import AxisView
-from forefeel.dashboard.cards import Past
 
 MOST_AXES = 16  # axes that are shown
 BEYOND = f"refused_beyond_{MOST_AXES}_axes"
@@ -22,11 +21,9 @@ class CellView:
         axes: by name, in the order in which they were heard first.
         heard_ns: when anything was heard last, None before.
         refused: payloads that were no message of their topic, and those of axes beyond the first `MOST_AXES`.
-        past: live, or of a recording: the whole of it up to now, or the part since it was entered.
     """
 
-    def __init__(self, past: Past = "live") -> None:
-        self.past: Past = past
+    def __init__(self) -> None:
         self.axes: dict[str, AxisView] = {}
         self.heard_ns: int | None = None
         self.refused: Counter[str] = Counter()

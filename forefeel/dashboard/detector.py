@@ -1,13 +1,16 @@
-"""Notices that the model went wrong: its errors against those that were usual. Pure.
+"""What the prediction is worth, and whether the model went wrong. Pure.
 
-Two signs, each second: the innovation of the identified model (rms, N), and the share of the measured forces
-that lie outside of the 95 % band which was drawn for them. Each is compared with what it was while nothing
-was amiss; one sign that lasts raises the alarm, and it takes longer without any to end it.
+A model that went wrong has two signs, each second: the innovation of the identified model (rms, N), and the
+share of the measured forces that lie outside of the 95 % band which was drawn for them. Each is compared with
+what it was while nothing was amiss; one sign that lasts raises the alarm, and it takes longer without any to
+end it.
 """
 
 from collections import deque
 from dataclasses import dataclass
+from math import sqrt
 from statistics import fmean, median
+from typing import NamedTuple
 
 # s, length of a block that is judged
 _BLOCK_S = 1.0
@@ -22,6 +25,9 @@ _RISE, _FALL = 2.0, 1.4
 _OUTSIDE_RISE, _OUTSIDE_FALL = 0.35, 0.15
 # bad blocks that raise the alarm, fine ones that end it
 _RAISE_BLOCKS, _END_BLOCKS = 2, 5
+COMPARED_S = 20
+"""A window of the page: long enough for several ways in and out, short enough to show a change."""
+_LEAST = 1000  # forces that were compared, 1 s at 1 kHz
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,3 +111,34 @@ class ModelWatch:
         self._good = self._good + 1 if fine else 0
         worst = max(alarm.innovation_ratio, ratio), max(alarm.outside_share, share)
         self.alarm = None if self._good >= _END_BLOCKS else Alarm(alarm.since_s, *worst)
+
+
+class ErrorPair(NamedTuple):
+    """Root mean squares in N, against the measured force of the same command."""
+
+    predicted_n: float
+    late_n: float
+
+
+class Comparison:
+    """Sums of squares by whole second, of the last `COMPARED_S`."""
+
+    def __init__(self) -> None:
+        self._seconds: deque[tuple[int, list[float]]] = deque(maxlen=COMPARED_S)
+
+    def add(self, now_s: float, predicted_n: float, late_n: float, measured_n: float) -> None:
+        second = int(now_s)
+        if not self._seconds or self._seconds[-1][0] != second:
+            self._seconds.append((second, [0.0, 0.0, 0.0]))
+        sums = self._seconds[-1][1]
+        sums[0] += 1
+        sums[1] += (predicted_n - measured_n) ** 2
+        sums[2] += (late_n - measured_n) ** 2
+
+    def errors(self, now_s: float) -> ErrorPair | None:
+        """None: too little was compared lately."""
+        recent = [sums for second, sums in self._seconds if second > now_s - COMPARED_S]
+        count, predicted, late = (
+            (sum(column) for column in zip(*recent, strict=True)) if recent else (0, 0, 0)
+        )
+        return None if count < _LEAST else ErrorPair(sqrt(predicted / count), sqrt(late / count))

@@ -2,34 +2,35 @@
 
 from collections import deque
 from collections.abc import Iterator
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 from forefeel.common.events.console import printable
 from forefeel.common.events.text import event_text
 from forefeel.common.messages import EmergencyStop, Handshake, MasterEvent, Message, SafetyEvent, SafetyState
-from forefeel.dashboard.levels import BAD, BUSY, GOOD, OFF, WARN, Level
 
 MOST = 200  # lines that are kept
+Level = Literal["good", "busy", "warn", "bad", "off"]
+"""How something stands: a colour and a shape, never without a word."""
 _AFTER: dict[str, Level] = {
-    SafetyState.IDLE: OFF,
-    SafetyState.READY: OFF,
-    SafetyState.ENGAGING: BUSY,
-    SafetyState.ARMED: GOOD,
-    SafetyState.STOPPING: WARN,
-    SafetyState.FAULT: BAD,
-    SafetyState.ESTOPPED: BAD,
-    "no_session": BAD,
-    "in_session": GOOD,
-    "handle_fault": BAD,
-    "failed": BAD,
+    SafetyState.IDLE: "off",
+    SafetyState.READY: "off",
+    SafetyState.ENGAGING: "busy",
+    SafetyState.ARMED: "good",
+    SafetyState.STOPPING: "warn",
+    SafetyState.FAULT: "bad",
+    SafetyState.ESTOPPED: "bad",
+    "no_session": "bad",
+    "in_session": "good",
+    "handle_fault": "bad",
+    "failed": "bad",
 }
 
 
 class EventLine(NamedTuple):
-    """`number` grows by one from line to line; `receive_ns`: when it was heard."""
+    """`number` grows by one from line to line; `heard_s`: when, on the clock of who listens."""
 
     number: int
-    receive_ns: int
+    heard_s: float
     level: Level
     who: str
     text: str
@@ -48,17 +49,17 @@ class EventList:
         text = event_text(message)
         if text:
             self.count += 1
-            line = EventLine(self.count, receive_ns, _level(message), role, printable(text))
+            line = EventLine(self.count, round(receive_ns * 1e-9, 3), _level(message), role, printable(text))
             self._lines.append(line)
 
 
 def _level(event: Message) -> Level:
     match event:
         case SafetyEvent() | MasterEvent():
-            return _AFTER.get(event.after, WARN)
+            return _AFTER.get(event.after, "warn")
         case EmergencyStop():
-            return BAD
+            return "bad"
         case Handshake(accepted=True):
-            return OFF
+            return "off"
         case _:
-            return WARN
+            return "warn"

@@ -65,7 +65,7 @@ class Feed:
             "banner": (_QUICK_NS, lambda: cards.banner(view)),
             "gain": (_SLOW_NS, lambda: cards.gain(view, now_ns)),
             "standing": (_QUICK_NS, lambda: cards.standing(view, now_ns)),
-            "watch": (_QUICK_NS, lambda: cards.watch(view, now_ns, cell.past)),
+            "watch": (_QUICK_NS, lambda: cards.watch(view, now_ns)),
             "energy": (_QUICK_NS, lambda: cards.energy(view, now_ns)),
             "delay": (_SLOW_NS, lambda: cards.delay(view, now_ns)),
             "model": (_SLOW_NS, lambda: cards.model(view, now_ns)),

@@ -1,25 +1,36 @@
 """How link, lease and safety stand: a light and a word for each. Pure: time is an argument."""
 
+from typing import NamedTuple
+
 from forefeel.common.events.console import printable
 from forefeel.common.events.text import is_long_round_trip, span
 from forefeel.common.messages import SafetyState, SlaveState
 from forefeel.common.topics import MASTER_STATE, SLAVE_STATE
 from forefeel.dashboard.axis_view import AxisView
-from forefeel.dashboard.levels import BAD, BUSY, GOOD, OFF, WARN, Level, Light
+from forefeel.dashboard.event_log import Level
 
 S = SafetyState
 _SAFETY: dict[SafetyState, tuple[Level, str]] = {
-    S.IDLE: (OFF, "waits for a master"),
-    S.READY: (OFF, "holds; the deadman engages it"),
-    S.ENGAGING: (BUSY, "aligns with the hand"),
-    S.ARMED: (GOOD, "the stage follows the hand"),
-    S.STOPPING: (WARN, "comes to rest"),
-    S.FAULT: (BAD, "at rest until it is cleared at the slave"),
-    S.ESTOPPED: (BAD, "at rest until it is cleared at the slave"),
+    S.IDLE: ("off", "waits for a master"),
+    S.READY: ("off", "holds; the deadman engages it"),
+    S.ENGAGING: ("busy", "aligns with the hand"),
+    S.ARMED: ("good", "the stage follows the hand"),
+    S.STOPPING: ("warn", "comes to rest"),
+    S.FAULT: ("bad", "at rest until it is cleared at the slave"),
+    S.ESTOPPED: ("bad", "at rest until it is cleared at the slave"),
 }
 _SHOWN = {S.ESTOPPED: "emergency stop"}
 SILENT_NS = 2_000_000_000
 """A cell that says nothing for so long is silent."""
+
+
+class Light(NamedTuple):
+    """One thing that is watched: what it is, how it stands, in a word and in a sentence."""
+
+    name: str
+    level: Level
+    word: str
+    more: str = ""
 
 
 def lights(view: AxisView, now_ns: int) -> list[Light]:
@@ -53,38 +64,38 @@ def _master_quiet(view: AxisView, now_ns: int) -> str:
 def _link(view: AxisView, now_ns: int) -> Light:
     quiet = [text for text in (_master_quiet(view, now_ns), _slave_quiet(view, now_ns)) if text]
     if quiet:
-        return Light("link", BAD, "silent", "; ".join(quiet))
+        return Light("link", "bad", "silent", "; ".join(quiet))
     state = view.newest.master
     assert state is not None
     if state.indication == "no_session":
-        return Light("link", BAD, "no link", printable(state.reason))
+        return Light("link", "bad", "no link", printable(state.reason))
     if state.indication == "handle_fault":
-        return Light("link", BAD, "handle fault", printable(state.reason))
+        return Light("link", "bad", "handle fault", printable(state.reason))
     if is_long_round_trip(state.reason):
-        return Light("link", WARN, "too slow", printable(state.reason))
-    return Light("link", GOOD, "linked", "both ends heard")
+        return Light("link", "warn", "too slow", printable(state.reason))
+    return Light("link", "good", "linked", "both ends heard")
 
 
 def _lease(view: AxisView, now_ns: int) -> Light:
     slave, master = view.newest.slave, view.newest.master
     if slave is None or _slave_quiet(view, now_ns):
-        return Light("lease", OFF, "unknown", "no slave")
+        return Light("lease", "off", "unknown", "no slave")
     if not slave.session_id:
-        return Light("lease", OFF, "free", "no master holds it")
+        return Light("lease", "off", "free", "no master holds it")
     if master is None or _master_quiet(view, now_ns):
-        return Light("lease", WARN, "held", "by a master that is not heard here")
+        return Light("lease", "warn", "held", "by a master that is not heard here")
     if slave.session_id != master.session_id:
-        return Light("lease", WARN, "held by another", "the slave serves another session")
-    return Light("lease", GOOD, "held", "by this master")
+        return Light("lease", "warn", "held by another", "the slave serves another session")
+    return Light("lease", "good", "held", "by this master")
 
 
 def _safety(view: AxisView, now_ns: int) -> Light:
     slave, quiet = view.newest.slave, _slave_quiet(view, now_ns)
     if slave is None:
-        return Light("safety", OFF, "unknown", quiet)
+        return Light("safety", "off", "unknown", quiet)
     word = safety_word(slave)
     if quiet:
-        return Light("safety", BAD, "unknown", f"{quiet}; was {word}")
+        return Light("safety", "bad", "unknown", f"{quiet}; was {word}")
     level, meaning = _SAFETY[slave.state]
     return Light("safety", level, word, f"{meaning} · {printable(slave.reason)}")
 
@@ -96,7 +107,7 @@ def safety_word(slave: SlaveState) -> str:
 def _deadman(view: AxisView, now_ns: int) -> Light:
     master = view.newest.master
     if master is None or _master_quiet(view, now_ns):
-        return Light("deadman", OFF, "unknown", "no master")
+        return Light("deadman", "off", "unknown", "no master")
     if master.deadman:
-        return Light("deadman", GOOD, "pressed", "may move")
-    return Light("deadman", OFF, "released", "no motion")
+        return Light("deadman", "good", "pressed", "may move")
+    return Light("deadman", "off", "released", "no motion")

@@ -14,25 +14,27 @@ from typing import TextIO
 
 import uvicorn
 from starlette.applications import Starlette
-from starlette.responses import Response
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 
 from forefeel.child_process import die_with_parent, listening_at
-from forefeel.common.clock import MonotonicClock
+from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import RunError
+from forefeel.common.messages import SafetyState
 from forefeel.common.topics import SLAVE_STATE
+from forefeel.common.transport.port import Transport
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import ZenohTransport
-from forefeel.dashboard import stop
 from forefeel.dashboard.admission import guard
 from forefeel.dashboard.chapter import Chapter
-from forefeel.dashboard.conversation import PATH, Conversations
 from forefeel.dashboard.sources import LiveCell
-from forefeel.dashboard.story import RESULTS, Story
+from forefeel.dashboard.story import CONVERSATION, RESULTS, Story
 from forefeel.dashboard.vessel import VesselSettings
 from forefeel.interrupt import heeded
+from forefeel.local.stop import EVERY_S, FOR_S, Stopper
 from forefeel.network_settings import ObserverSettings
 from forefeel.terminal import ask, say
 
@@ -80,7 +82,7 @@ def run_dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
         transport = ZenohTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
         with heeded(_exit), closing(transport):
             _step_back()
-            button = stop.StopButton(transport, settings.cell, clock)
+            button = StopButton(transport, settings.cell, clock)
 
             def hear(key: str, payload: bytes, receive_ns: int) -> None:
                 if key.endswith(SLAVE_STATE.name):  # of 3,000 messages a second the 50 that say it
@@ -90,7 +92,7 @@ def run_dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
             transport.subscribe_all(f"forefeel/{settings.cell}", hear, _WAITING)
             if transport.notice:
                 say(transport.notice)
-            routes = [Route(stop.PATH, button.press, methods=["POST"])]
+            routes = [Route("/stop", button.press, methods=["POST"])]
             story = Story(live, Chapter(vessel=vessel))
             page = Page(listening, story, f"cell {settings.cell}", failed, address, routes)
             ends = partial(page.follow, told) if told else partial(_until, duration_s, failed)
@@ -126,6 +128,32 @@ def _step_back() -> None:
         os.nice(_NICE)
 
 
+class StopButton:
+    """An emergency stop for every axis of the cell, repeated until each shows it.
+
+    Sends what the viewer's certificate may send: anyone but a recorder may stop.
+    """
+
+    def __init__(self, transport: Transport, cell: str, clock: Clock) -> None:
+        self._clock = clock
+        # zenoh 1.10 keeps some 250 bytes of each message that two subscriptions of a session take (measured)
+        self._stopper = Stopper(transport, cell, (), "dashboard", "", listens=False)
+        self.hear = self._stopper.hear
+
+    async def press(self, asked: Request) -> JSONResponse:
+        """Answers with the axes that do not acknowledge the stop; none: the cell has stopped."""
+        stopper = self._stopper
+        stopper.reason = f"page, from {asked.client.host if asked.client else 'unknown'}"
+        for _ in range(round(FOR_S / EVERY_S)):
+            stopper.say(self._clock.now_ns())  # once in any case: what was heard may be of an earlier run
+            await asyncio.sleep(EVERY_S)
+            outcome = stopper.outcome()
+            if outcome.done or not outcome.axes:
+                break
+        running = [axis for axis, state in outcome.axes.items() if state != SafetyState.ESTOPPED.value]
+        return JSONResponse({"heard": bool(outcome.axes), "running": running})
+
+
 class _Server(uvicorn.Server):
     capture_signals = nullcontext  # type: ignore[assignment]
 
@@ -157,10 +185,9 @@ class Page:
         more: Sequence[BaseRoute] = (),
     ) -> None:
         self._listening, self._what, self._failed, self._story = listening, what, failed, story
-        self._conversations = Conversations(story)
         routes = [
             *more,
-            WebSocketRoute(PATH, self._conversations.serve),
+            WebSocketRoute(CONVERSATION, story.converse),
             Route(RESULTS, story.result),
             Mount("/", _Files(directory=_STATIC, html=True)),
         ]
@@ -196,7 +223,7 @@ class Page:
         seen_s = time.monotonic()
         while self._story.chapter.stays or time.monotonic() - seen_s < _LINGER_S:
             await asyncio.sleep(_POLL_S)
-            if self._conversations.open:
+            if self._story.open:
                 seen_s = time.monotonic()
 
     @asynccontextmanager

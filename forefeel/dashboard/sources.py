@@ -1,10 +1,9 @@
 """What the page is fed from: a cell that is heard now, or a recording of one."""
 
-import asyncio
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Protocol, TypeVar
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -12,13 +11,14 @@ from forefeel.common.clock import Clock
 from forefeel.common.errors import RecordingError
 from forefeel.common.events.text import span
 from forefeel.common.recording.mcap_spans import RunSpans
-from forefeel.dashboard.cell_view import CellView
+from forefeel.common.topics import BY_NAME
+from forefeel.dashboard.cell_view import UNREAD, CellView
 from forefeel.dashboard.feed import Answer, Feed
 from forefeel.dashboard.lights import silent_s
-from forefeel.dashboard.replay import ReplayClock
 from forefeel.dashboard.trace import SPAN_S
 
-R = TypeVar("R")
+LEAD_S = 20.0  # s that are read of a recording before the place asked for
+_TOPICS = [topic for name, topic in BY_NAME.items() if name not in UNREAD]
 
 
 class Ask(BaseModel):
@@ -31,22 +31,16 @@ class Ask(BaseModel):
     window_s: Annotated[float, Field(ge=1.0, le=SPAN_S)] = SPAN_S
 
 
-class Viewer(Protocol):
-    async def answer(self, ask: Ask) -> Answer: ...
-
-
-class Source(Protocol):
-    """Where pages get what they show."""
-
-    def facts(self) -> dict[str, Any]:
-        """What does not change: the cell, and whether it is a recording."""
-        ...
-
-    def viewer(self) -> Viewer: ...
+Viewer = Callable[[Ask], Answer]
 
 
 class LiveCell:
-    """A cell that is heard on one thread and shown on others."""
+    """A cell that is heard now. Hearing and showing it are different threads.
+
+    Args:
+        name: of the cell.
+        where: it is listened for, in words.
+    """
 
     def __init__(self, name: str, where: str, clock: Clock) -> None:
         self._name, self._where, self._clock = name, where, clock
@@ -62,75 +56,83 @@ class LiveCell:
         with self._lock:
             self._cell.hear(key, payload, receive_ns)
 
-    def look(self, at: Callable[[CellView, int], R]) -> R:
-        """Calls `at` with the cell and the time, while nobody else is at it."""
-        with self._lock:
-            return at(self._cell, self._clock.now_ns())
-
     def facts(self) -> dict[str, Any]:
         return {"cell": self._name, "file": None}
 
-    def viewer(self) -> "LiveViewer":
-        return LiveViewer(self)
+    def viewer(self) -> Viewer:
+        feed = Feed()
 
-    def silence(self, cell: CellView, now_ns: int) -> dict[str, Any] | None:
+        def answer(ask: Ask) -> Answer:
+            with self._lock:
+                now_ns = self._clock.now_ns()
+                return feed.answer(self._cell, ask.axis, now_ns) | {"silence": self._silence(now_ns)}
+
+        return answer
+
+    def _silence(self, now_ns: int) -> dict[str, Any] | None:
         """That nothing is heard, since when, and where it was listened for."""
-        quiet_s = silent_s(cell.heard_ns, now_ns, self._since_ns)
+        heard_ns = self._cell.heard_ns
+        quiet_s = silent_s(heard_ns, now_ns, self._since_ns)
         if quiet_s is None:
             return None
-        word = "nothing heard yet" if cell.heard_ns is None else "silent"
         return {
-            "word": f"Cell {self._name}: {word}",
+            "word": f"Cell {self._name}: {'nothing heard yet' if heard_ns is None else 'silent'}",
             "for": span(quiet_s),
             "since_s": round(now_ns * 1e-9 - quiet_s, 1),
             "where": self._where,
         }
 
 
-class LiveViewer:
-    def __init__(self, live: LiveCell) -> None:
-        self._live, self._feed = live, Feed()
-
-    async def answer(self, ask: Ask) -> Answer:
-        return self._live.look(lambda cell, now_ns: self._answer(cell, now_ns, ask))
-
-    def _answer(self, cell: CellView, now_ns: int, ask: Ask) -> Answer:
-        answer = self._feed.answer(cell, ask.axis, now_ns)
-        return answer | {"silence": self._live.silence(cell, now_ns)}
-
-
-class RecordedSource:
-    """A recording, for any number of pages, each at its own time."""
+class Recorded:
+    """A recording, for any number of viewers, each at its own time."""
 
     def __init__(self, path: Path) -> None:
         self._spans = RunSpans(path)
         self.metadata = self._spans.metadata
 
     def facts(self) -> dict[str, Any]:
-        duration_s = (self._spans.end_ns - self._spans.start_ns) * 1e-9
-        zero_s = self._spans.start_ns * 1e-9
-        return {
-            "cell": self._spans.cell,
-            "file": self._spans.path.name,
-            "duration_s": duration_s,
-            "zero_s": zero_s,
-        }
+        spans = self._spans
+        duration_s, zero_s = (spans.end_ns - spans.start_ns) * 1e-9, spans.start_ns * 1e-9
+        return {"cell": spans.cell, "file": spans.path.name, "duration_s": duration_s, "zero_s": zero_s}
 
-    def viewer(self) -> "RecordedViewer":
-        return RecordedViewer(self._spans)
+    def viewer(self) -> Viewer:
+        replay, feed = ReplayClock(self._spans), Feed()
+
+        def answer(ask: Ask) -> Answer:
+            try:
+                now_ns = replay.go_to(ask.at_s, ask.window_s)
+            except RecordingError as error:
+                return {"axes": [], "axis": None, "clock_s": 0.0, "silence": {"word": str(error)}}
+            return feed.answer(replay.cell, ask.axis, now_ns) | {"silence": None}
+
+        return answer
 
 
-class RecordedViewer:
+class ReplayClock:
+    """One viewer's place in a recording. The time goes on where it is asked for a little later than before.
+
+    Elsewhere it begins `LEAD_S` earlier, so that traces, states and the usual size of errors are known.
+    """
+
     def __init__(self, spans: RunSpans) -> None:
-        self._replay, self._feed = ReplayClock(spans), Feed()
+        self.cell = CellView()
+        self._spans = spans
+        self._until_ns: int | None = None
 
-    async def answer(self, ask: Ask) -> Answer:
-        """See `Viewer`; reads on a thread, so that other pages go on."""
-        return await asyncio.to_thread(self._answer, ask)
+    def go_to(self, at_s: float, window_s: float) -> int:
+        """Takes in what was received before `at_s` of the recording; that time in ns.
 
-    def _answer(self, ask: Ask) -> Answer:
-        try:
-            now_ns = self._replay.go_to(ask.at_s, ask.window_s)
-        except RecordingError as error:
-            return {"axes": [], "axis": None, "clock_s": 0.0, "silence": {"word": str(error)}}
-        return self._feed.answer(self._replay.cell, ask.axis, now_ns) | {"silence": None}
+        Raises:
+            RecordingError: the file is damaged there.
+        """
+        start_ns, length_ns = self._spans.start_ns, self._spans.end_ns - self._spans.start_ns + 1
+        until_ns = start_ns + round(min(max(at_s, 0.0) * 1e9, length_ns))
+        lead_ns = round(max(LEAD_S, window_s) * 1e9)
+        from_ns = self._until_ns
+        if from_ns is None or not from_ns <= until_ns <= from_ns + lead_ns:
+            from_ns = until_ns - lead_ns
+            self.cell = CellView()
+        for logged in self._spans.between(from_ns, until_ns, _TOPICS):
+            self.cell.take(logged.axis, logged.topic, logged.message, logged.log_ns)
+        self._until_ns = until_ns
+        return until_ns

@@ -1,18 +1,28 @@
-"""What a page shows one after the other: a cell while it runs, the recording of it, the next run."""
+"""What pages show one after the other: a cell while it runs, the recording of it, the next run.
 
+A page asks over a WebSocket, is answered, draws and asks again; what nobody asks for is not made.
+"""
+
+import asyncio
+import json
 from pathlib import Path
 from typing import Any
 
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import FileResponse
+from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from forefeel.dashboard.chapter import Chapter
 from forefeel.dashboard.feed import Answer
-from forefeel.dashboard.sources import Ask, LiveCell, RecordedSource, Source, Viewer
+from forefeel.dashboard.sources import Ask, LiveCell, Recorded
 from forefeel.dashboard.vessel import of_recording
 
-RESULTS = "/results/{words}"
+CONVERSATION, RESULTS = "/conversation", "/results/{words}"
+MOST_VIEWERS = 16  # open pages at once
+_MOST_ASKED_CHARACTERS = 2048
+# close codes: policy violation (RFC 6455, 7.4.1), try again later (IANA registry)
+_REFUSED, _FULL = 1008, 1013
 # its script and style stand in the file; it can reach nothing, not even the server that it comes from
 _HEADERS = {
     "Cache-Control": "no-cache",
@@ -23,38 +33,35 @@ _HEADERS = {
 
 
 class Story:
-    """The source of all pages of one server. One thread at a time.
+    """Serves the chapter that was told last to up to `MOST_VIEWERS` pages at once. One thread at a time.
 
     Attributes:
-        number: of the chapter; a viewer that has seen another one begins anew.
+        open: how many pages are.
     """
 
     def __init__(self, live: LiveCell | None, chapter: Chapter) -> None:
         self._live = live
-        self.number = 0
+        self.open = 0
         self.tell(chapter)
 
     def tell(self, chapter: Chapter) -> None:
         """Raises InputError where its recording can not be read."""
-        self.source: Source
+        self._source: LiveCell | Recorded
         self._vessel = chapter.vessel
         if chapter.recording is not None:
-            self.source = RecordedSource(chapter.recording)
-            self._vessel = chapter.vessel or of_recording(self.source.metadata)
+            self._source = Recorded(chapter.recording)
+            self._vessel = chapter.vessel or of_recording(self._source.metadata)
         else:
             assert self._live is not None
             self._live.begin()
-            self.source = self._live
+            self._source = self._live
         self.chapter = chapter
-        self.number += 1
 
     def facts(self) -> dict[str, Any]:
+        """What does not change within a chapter: the cell, and whether it is a recording."""
         chapter = {"head": self.chapter.head, "pages": list(self.chapter.pages)}
         vessel = None if self._vessel is None else self._vessel.model_dump(mode="json")
-        return self.source.facts() | {"chapter": chapter, "vessel": vessel}
-
-    def viewer(self) -> "StoryViewer":
-        return StoryViewer(self)
+        return self._source.facts() | {"chapter": chapter, "vessel": vessel}
 
     async def result(self, asked: Request) -> FileResponse:
         """One of the chapter's pages."""
@@ -63,20 +70,35 @@ class Story:
             raise HTTPException(404)
         return FileResponse(path, headers=_HEADERS, content_disposition_type="inline")
 
+    async def converse(self, socket: WebSocket) -> None:
+        await socket.accept()
+        if self.open >= MOST_VIEWERS:
+            await socket.close(_FULL, "too many viewers")
+            return
+        self.open += 1
+        try:
+            await self._answer(socket)
+        except WebSocketDisconnect:
+            return
+        finally:
+            self.open -= 1
 
-class StoryViewer:
-    """Answers with new facts where the next chapter has begun."""
-
-    def __init__(self, story: Story) -> None:
-        self._story = story
-        self._begin()
-
-    def _begin(self) -> None:
-        self._number = self._story.number
-        self._viewer: Viewer = self._story.source.viewer()
-
-    async def answer(self, ask: Ask) -> Answer:
-        if self._number != self._story.number:
-            self._begin()
-            return {"facts": self._story.facts()}
-        return await self._viewer.answer(ask)
+    async def _answer(self, socket: WebSocket) -> None:
+        """A new chapter is answered with its facts."""
+        chapter, viewer = self.chapter, self._source.viewer()
+        answer: Answer = {"facts": self.facts()}
+        while True:
+            await socket.send_text(json.dumps(answer, allow_nan=False, separators=(",", ":")))
+            asked = await socket.receive_text()
+            try:
+                if len(asked) > _MOST_ASKED_CHARACTERS:
+                    raise ValueError("too long")
+                ask = Ask.model_validate_json(asked)
+            except ValueError:
+                await socket.close(_REFUSED, "not understood")
+                return
+            if chapter is self.chapter:  # in a thread: while a recording is read, other pages go on
+                answer = await asyncio.to_thread(viewer, ask)
+            else:
+                chapter, viewer = self.chapter, self._source.viewer()
+                answer = {"facts": self.facts()}

@@ -1,4 +1,4 @@
-"""A quantity over time in few points that keep its peaks. Pure; its memory does not grow."""
+"""A quantity over time: in few points that keep its peaks, or its last values. Pure; memory does not grow."""
 
 from math import floor, nan
 from typing import NamedTuple
@@ -69,3 +69,21 @@ class MinMaxTrace:
         """The points from that number on, as far as they are kept."""
         first = min(max(number, self.end - len(self._rows), 0), self.end)
         return Points(first, self.end, self._rows[np.arange(first, self.end) % len(self._rows)])
+
+
+class SampleRing:
+    """The newest `most` rows of `width` numbers."""
+
+    def __init__(self, most: int, width: int) -> None:
+        self._rows = np.empty((most, width))
+        self._count = 0
+
+    def add(self, *row: float) -> None:
+        self._rows[self._count % len(self._rows)] = row
+        self._count += 1
+
+    def rows(self) -> Floats:
+        """A copy, (n, width), the oldest first."""
+        most = len(self._rows)
+        first = max(0, self._count - most)
+        return self._rows[np.arange(first, self._count) % most]

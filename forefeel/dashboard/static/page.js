@@ -35,10 +35,9 @@ function connect() {
 
 function take(answer) {
   waits = false;
-  const facts = page.facts === null ? answer : answer.facts;
-  if (facts) {
+  if (answer.facts) {
     page.at_s = page.facts ? 0 : page.at_s;
-    page.facts = facts;
+    page.facts = answer.facts;
     page.lost_ms = null;
     begin();
     return;

@@ -10,7 +10,7 @@ from forefeel.common.topics import MASTER_STATE, MASTER_TIMING, SLAVE_STATE, SLA
 from forefeel.dashboard import cards
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.detector import Alarm
-from forefeel.dashboard.levels import Level
+from forefeel.dashboard.event_log import Level
 from forefeel.dashboard.lights import lights
 from tests.unit.dashboard.said import HOSTILE, S, heard, master_state, parameters, slave_state, timing
 
@@ -139,8 +139,7 @@ def test_gain_is_error_in_place_of_late_error() -> None:
 
 def test_watch_says_since_when_the_model_is_wrong() -> None:
     view, now_ns = heard(3.0)
-    assert cards.watch(view, now_ns)["word"] == "the model fits"
-    assert cards.watch(view, now_ns, "part")["word"] == "no change in sight"
+    assert cards.watch(view, now_ns)["level"] == "good"
     assert cards.watch(view, now_ns + 3 * S)["word"] == "nothing to judge by"
     view.watch.alarm = Alarm(view.timeline.now_s(now_ns) - 5.0, 3.2, 0.4)
     card = cards.watch(view, now_ns)

@@ -2,7 +2,8 @@
 
 import asyncio
 import json
-from collections.abc import Sequence
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any, cast
 
@@ -13,19 +14,19 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from forefeel.common.clock import VirtualClock
 from forefeel.common.codec import encode
-from forefeel.dashboard import conversation
 from forefeel.dashboard.chapter import Chapter
-from forefeel.dashboard.conversation import Conversations
-from forefeel.dashboard.sources import Ask, LiveCell, RecordedSource, Source
-from forefeel.dashboard.story import Story
+from forefeel.dashboard.sources import LiveCell
+from forefeel.dashboard.story import MOST_VIEWERS, Story
 from tests.unit.dashboard.said import AXIS, CELL, S, talk
 from tests.unit.dashboard.test_replay import write
 
+Act = str | Callable[[], None]
+
 
 class Socket:
-    """Asks what it was given, then goes away."""
+    """Asks what it was given, then goes away; what can be called happens before the next question."""
 
-    def __init__(self, asks: Sequence[str]) -> None:
+    def __init__(self, *asks: Act) -> None:
         self.told: list[Any] = []
         self.closed: tuple[int, str] | None = None
         self._asks = list(asks)
@@ -37,51 +38,57 @@ class Socket:
         self.closed = code, reason
 
     async def receive_text(self) -> str:
-        if not self._asks:
-            raise WebSocketDisconnect
-        return self._asks.pop(0)
+        while self._asks:
+            ask = self._asks.pop(0)
+            if isinstance(ask, str):
+                return ask
+            ask()
+        raise WebSocketDisconnect
 
     async def send_text(self, text: str) -> None:
         self.told.append(json.loads(text))
 
 
-def conversed(served: Conversations, *asks: str) -> Socket:
+def conversed(served: Story, *asks: Act) -> Socket:
     """The conversation, when it has ended."""
-    socket = Socket(asks)
-    asyncio.run(served.serve(cast(WebSocket, socket)))
-    assert served.open == 0
+    socket = Socket(*asks)
+    before = served.open
+    asyncio.run(served.converse(cast(WebSocket, socket)))
+    assert served.open == before
     return socket
 
 
-def answers(source: Source, *asks: dict[str, Any]) -> list[dict[str, Any]]:
-    """The facts, then an answer for each."""
-    return conversed(Conversations(source), *map(json.dumps, asks)).told
+def recorded(path: Path, *asks: dict[str, Any]) -> list[dict[str, Any]]:
+    """The facts of a recording, then an answer for each."""
+    first, *answers = conversed(Story(None, Chapter(recording=path)), *map(json.dumps, asks)).told
+    return [first["facts"], *answers]
 
 
 @pytest.fixture
-def live() -> tuple[LiveCell, VirtualClock]:
+def live() -> tuple[Story, VirtualClock]:
+    """A cell that was heard for half a second."""
     clock = VirtualClock(9 * S)
     cell = LiveCell(CELL, "tcp/10.0.0.2:7447", clock)
+    served = Story(cell, Chapter())
     for topic, message, heard_ns in talk(1, 500):
         cell.hear(topic.key(CELL, AXIS), encode(message), heard_ns)
     clock.set_ns(9 * S + 500_000_000)
-    return cell, clock
+    return served, clock
 
 
 def test_who_asks_is_answered_and_the_second_answer_holds_only_what_is_new(
-    live: tuple[LiveCell, VirtualClock],
+    live: tuple[Story, VirtualClock],
 ) -> None:
-    facts, first, second = answers(live[0], {}, {})
-    assert facts == {"cell": CELL, "file": None}
+    began, first, second = conversed(live[0], "{}", "{}").told
+    assert (began["facts"]["cell"], began["facts"]["file"]) == (CELL, None)
     assert (first["axis"], first["anew"], first["silence"]) == (AXIS, True, None)
     assert len(first["traces"]["felt"]) > 40
     assert (second["traces"]["felt"], second["cards"], second["anew"]) == ([], {}, False)
 
 
-def test_silence_is_said_with_since_when(live: tuple[LiveCell, VirtualClock]) -> None:
-    cell, clock = live
-    clock.set_ns(60 * S)
-    _, answer = answers(cell, {})
+def test_silence_is_said_with_since_when(live: tuple[Story, VirtualClock]) -> None:
+    live[1].set_ns(60 * S)
+    _, answer = conversed(live[0], "{}").told
     assert answer["silence"] == {
         "word": "Cell cathlab: silent", "for": "50 s", "since_s": 9.5, "where": "tcp/10.0.0.2:7447",
     }  # fmt: skip
@@ -94,24 +101,21 @@ def test_silence_is_said_with_since_when(live: tuple[LiveCell, VirtualClock]) ->
         "[" * 3000, json.dumps({"axis": "x" * 257}),
     ],
 )  # fmt: skip
-def test_what_is_no_question_ends_the_conversation(live: tuple[LiveCell, VirtualClock], asked: str) -> None:
-    ended = conversed(Conversations(live[0]), asked, "{}")
+def test_what_is_no_question_ends_the_conversation(live: tuple[Story, VirtualClock], asked: str) -> None:
+    ended = conversed(live[0], asked, "{}")
     assert ended.closed == (1008, "not understood")
     assert len(ended.told) == 1
 
 
-def test_viewers_are_bounded(live: tuple[LiveCell, VirtualClock], monkeypatch: pytest.MonkeyPatch) -> None:
-    served = Conversations(live[0])
-    monkeypatch.setattr(served, "open", conversation.MOST_VIEWERS)
-    full = Socket(["{}"])
-    asyncio.run(served.serve(cast(WebSocket, full)))
+def test_viewers_are_bounded(live: tuple[Story, VirtualClock]) -> None:
+    live[0].open = MOST_VIEWERS
+    full = conversed(live[0], "{}")
     assert (full.closed, full.told) == ((1013, "too many viewers"), [])
-    assert served.open == conversation.MOST_VIEWERS
 
 
 def test_each_page_of_a_recording_has_its_own_time(tmp_path: Path) -> None:
-    recorded = RecordedSource(write(tmp_path / "run.mcap", 4))
-    facts, early, late = answers(recorded, {"at_s": 1.0}, {"at_s": 3.5})
+    run = write(tmp_path / "run.mcap", 4)
+    facts, early, late = recorded(run, {"at_s": 1.0}, {"at_s": 3.5})
     assert (facts["file"], facts["cell"]) == ("run.mcap", CELL)
     assert facts["duration_s"] == pytest.approx(4.0, abs=0.01)
     assert late["now_s"] - early["now_s"] == pytest.approx(2.5, abs=1e-3)
@@ -120,23 +124,23 @@ def test_each_page_of_a_recording_has_its_own_time(tmp_path: Path) -> None:
 
 def test_damage_in_a_recording_is_said_on_the_page(tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", 3)
-    recorded = RecordedSource(path)
+    served = Story(None, Chapter(recording=path))
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 0xFF
     path.write_bytes(content)
-    _, answer = answers(recorded, {"at_s": 3.0})
+    _, answer = conversed(served, '{"at_s": 3.0}').told
     assert "damaged" in answer["silence"]["word"]
 
 
-def test_next_chapter_begins_with_its_facts(live: tuple[LiveCell, VirtualClock], tmp_path: Path) -> None:
-    story = Story(live[0], Chapter(head="running"))
-    assert story.facts()["file"] is None
-    viewer = story.viewer()
-    report = tmp_path / "report.html"
-    story.tell(Chapter(head="ended", recording=write(tmp_path / "run.mcap", 3), pages={"report": report}))
-    facts = asyncio.run(viewer.answer(Ask()))["facts"]
+def test_next_chapter_begins_with_its_facts(live: tuple[Story, VirtualClock], tmp_path: Path) -> None:
+    pages = {"report": tmp_path / "report.html"}
+    ended = Chapter(head="ended", recording=write(tmp_path / "run.mcap", 3), pages=pages)
+    at_2_s = '{"at_s": 2.0}'
+    _, second, shown, third, last = conversed(
+        live[0], partial(live[0].tell, ended), "{}", at_2_s, partial(live[0].tell, Chapter()), "{}", "{}"
+    ).told
+    facts = second["facts"]
     assert (facts["file"], facts["chapter"]) == ("run.mcap", {"head": "ended", "pages": ["report"]})
-    assert asyncio.run(viewer.answer(Ask(at_s=2.0)))["traces"]["felt"]
-    story.tell(Chapter(head="another run"))
-    assert asyncio.run(viewer.answer(Ask()))["facts"]["file"] is None
-    assert asyncio.run(viewer.answer(Ask()))["axes"] == []  # nothing of the run before
+    assert shown["traces"]["felt"]
+    assert third["facts"]["file"] is None
+    assert last["axes"] == []  # nothing of the run before

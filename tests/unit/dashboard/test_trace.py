@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from forefeel.dashboard.rings import SampleRing
 from forefeel.dashboard.timeline import Timeline
-from forefeel.dashboard.trace import MinMaxTrace
+from forefeel.dashboard.trace import MinMaxTrace, SampleRing
 
 S = 1_000_000_000
 
