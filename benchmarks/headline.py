@@ -22,8 +22,9 @@ from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.transport.settings import ImpairmentSettings
 from forefeel.loopback.plan import DEFAULT_DURATION_S, LoopbackOptions, make_plan
 from forefeel.loopback.real import run_real
+from forefeel.report.model import RunReport
 from forefeel.report.score import PredictionComparison
-from forefeel.report.summary import RunReport, summarise
+from forefeel.report.summary import summarise
 from forefeel.terminal import bar
 
 COLUMNS = (
@@ -68,7 +69,7 @@ def run_injected(loss: float, seconds: float, seed: int) -> RunReport:
     link = {"impairment": {"inbound": {"preset": _IMPAIRMENT, "loss": loss}, "seed": seed}}
     plan = replace(plan, slave=plan.slave | link, master=plan.master | link)
     with TemporaryDirectory(prefix="ff-") as folder:
-        run_real(plan, Path(folder), bar(seconds))
+        run_real(plan, Path(folder), bar(seconds), {}, None)
         return summarise(read_run(Path(folder) / "recording.mcap"))
 
 

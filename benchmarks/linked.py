@@ -18,7 +18,8 @@ import yaml
 from forefeel.common.recording.mcap_reader import read_run
 from forefeel.common.transport.settings import ImpairmentSettings
 from forefeel.loopback.plan import LoopbackOptions, make_plan
-from forefeel.report.summary import RunReport, summarise
+from forefeel.report.model import RunReport
+from forefeel.report.summary import summarise
 from tests.secured import make_pki
 from tests.system.net.cable import ADDRESSES, MEASURING, TunCable
 from tests.system.net.hosts import Hosts, joined_by_tun

@@ -32,7 +32,7 @@ from forefeel.control_socket import ControlSocket, MasterRequests, SlaveRequests
 from forefeel.interrupt import heeded
 from forefeel.master.session import SessionState
 from forefeel.probe.configured import configured, import_drivers
-from forefeel.reachability import AnswerWatch, Obstacles, unheard
+from forefeel.reachability import AnswerWatch, Probe, probe_of, unheard
 from forefeel.terminal import say
 
 if TYPE_CHECKING:
@@ -162,7 +162,7 @@ class Process:
     runtime: RealRuntime
     event_sink: StateEventSink
     socket: ControlSocket
-    obstacles: Obstacles
+    find_obstacles: Probe
     connect: Connect
     end: str = "ended"
     notifier: ConsoleNotifier | None = None
@@ -172,7 +172,7 @@ class Process:
 
     def answer_watch(self, whom: str, unheard: Callable[[], str]) -> AnswerWatch:
         return AnswerWatch(
-            self.obstacles,
+            self.find_obstacles,
             unheard,
             lambda cause: self.say(f"waiting for {whom}: {cause}"),
             self.runtime.host,
@@ -282,8 +282,8 @@ def _process(settings: DaemonSettings, role: Role, host: Host | None, connect: C
             with ControlSocket(folder.path, role) as control:
                 other = {"slave": "master", "master": "slave"}[role]
                 expected = "router" if settings.transport.mode == "client" else other
-                obstacles = Obstacles(settings.transport, Party(role, (settings.cell,)), expected)
-                process = Process(settings, role, runtime, sink, control, obstacles, connect)
+                find = probe_of(settings.transport, Party(role, (settings.cell,)), expected)
+                process = Process(settings, role, runtime, sink, control, find, connect)
                 yield process
         except BaseException as error:
             reason = f"; {type(error).__name__}: {error}"

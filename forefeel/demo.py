@@ -19,7 +19,7 @@ from forefeel.interrupt import ends_in_order
 from forefeel.loopback.plan import LoopbackOptions
 from forefeel.loopback.run import RECORDING, REPORT, How, judge, recorded_run
 from forefeel.loopback.viewer import DashboardProcess
-from forefeel.report.summary import RunReport
+from forefeel.report.model import RunReport
 from forefeel.report.transparency import Transparency
 from forefeel.report.wording import DISCLAIMER, plain_value, share, shown, split_unit
 from forefeel.terminal import say, show, stages

@@ -42,6 +42,10 @@ class Obstacle(NamedTuple):
     advice: str
 
 
+Probe = Callable[[], Sequence[Obstacle]]
+"""Finds one for each endpoint that can not be reached. Blocks for some seconds."""
+
+
 @dataclass(frozen=True, slots=True)
 class Reached:
     """Result of a probe. `connect_s`: of TCP, one round trip; `handshake_s`: of TLS; None: not done.
@@ -122,28 +126,23 @@ def _obstacle(error: Exception, where: str, other: str, connected: bool) -> Obst
             return Obstacle(f"no way to {where} ({why})", "check its name, cable, address and routes")
 
 
-class Obstacles:
-    """Finds what is in the way of connections to the endpoints in `transport.connect`.
+def probe_of(transport: TransportSettings, party: Party, other: str) -> Probe:
+    """What is in the way of connections to `transport.connect`; who is expected there is `other`, in a word.
 
-    Args:
-        transport: names the endpoints, and our certificates, which a session reads once, when it opens.
-        party: whose certificates they are.
-        other: who is expected at the endpoints, in a word.
+    `party`: whose certificates ours are, which a session reads once, when it opens.
 
     Raises:
         ConfigurationError: a file of `transport.pki` is missing or not what it should be.
     """
+    identity: PartyFiles | None = None
+    if transport.pki is not None:
+        identity = read_identity(transport.pki, party, now_utc()).identity
 
-    def __init__(self, transport: TransportSettings, party: Party, other: str) -> None:
-        self._transport, self._other = transport, other
-        self._identity: PartyFiles | None = None
-        if transport.pki is not None:
-            self._identity = read_identity(transport.pki, party, now_utc()).identity
-
-    def find(self) -> Sequence[Obstacle]:
-        """One for each endpoint that can not be reached. Blocks for some seconds."""
-        reached = [reach(each, self._identity, self._other) for each in self._transport.connect]
+    def probe() -> Sequence[Obstacle]:
+        reached = [reach(each, identity, other) for each in transport.connect]
         return [each.obstacle for each in reached if each.obstacle is not None]
+
+    return probe
 
 
 def unheard(transport: TransportSettings, connected: bool, missing: str) -> str:
@@ -162,7 +161,6 @@ class AnswerWatch:
     The endpoints are probed in a thread, so that `look` never blocks.
 
     Args:
-        obstacles: what may be in the way.
         unheard: text where nothing is in the way.
         report: takes the cause.
 
@@ -172,12 +170,12 @@ class AnswerWatch:
 
     def __init__(
         self,
-        obstacles: Obstacles,
+        find: Probe,
         unheard: Callable[[], str],
         report: Callable[[str], None],
         host: Host = HOST,
     ) -> None:
-        self._obstacles, self._unheard, self._report, self._host = obstacles, unheard, report, host
+        self._find, self._unheard, self._report, self._host = find, unheard, report, host
         self._since_ns: int | None = None
         self._due_ns = 0
         self._probe: Future[Sequence[Obstacle]] | None = None
@@ -206,7 +204,7 @@ class AnswerWatch:
         self._since_ns, self._probe, self.found = None, None, ""
 
     def probe(self) -> "Future[Sequence[Obstacle]]":
-        return self._host.in_thread(self._obstacles.find, "probe of endpoints")
+        return self._host.in_thread(self._find, "probe of endpoints")
 
     def cause(self, found: Sequence[Obstacle], now_ns: int) -> str:
         texts = [f"{each.what}: {each.advice}" for each in found] or [self._unheard()]

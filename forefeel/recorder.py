@@ -188,7 +188,7 @@ def run_record(
 
 
 def _wait(recorder: Recorder, settings: "ObserverSettings", duration_s: float | None, stop: Stop) -> None:
-    from forefeel.reachability import AnswerWatch, Obstacles, unheard  # noqa: PLC0415 - a loopback needs none
+    from forefeel.reachability import AnswerWatch, probe_of, unheard  # noqa: PLC0415 - a loopback needs none
 
     transport, cell = settings.transport, settings.cell
 
@@ -196,8 +196,8 @@ def _wait(recorder: Recorder, settings: "ObserverSettings", duration_s: float | 
         return unheard(transport, recorder.connected, f"nobody of cell {cell} is heard there")
 
     other = "router" if transport.mode == "client" else "daemon"
-    obstacles = Obstacles(transport, Party(settings.role, (cell,)), other)
-    waiting = AnswerWatch(obstacles, nobody, lambda cause: say(f"nobody heard yet: {cause}"))
+    find = probe_of(transport, Party(settings.role, (cell,)), other)
+    waiting = AnswerWatch(find, nobody, lambda cause: say(f"nobody heard yet: {cause}"))
     clock = MonotonicClock()
     attend = service_watchdog(
         lambda: "recording" if recorder.newest else f"nobody heard yet: {waiting.found}",

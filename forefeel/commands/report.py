@@ -17,7 +17,7 @@ def report(
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.report.run import run_report  # noqa: PLC0415 - the help needs none of it
+    from forefeel.report.page import run_report  # noqa: PLC0415 - the help needs none of it
 
     with output(as_json, quiet):
         run_report(file, out, overwrite)

@@ -32,12 +32,6 @@ def simulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     depth: Annotated[float, number("M", 1e-6, 10.0, "How far it goes from there.")] = 0.03,
     frequency: Annotated[float, number("HZ", 1e-3, 1000.0, "Of the sine.")] = 0.5,
     noise: Annotated[float, number("N", 0.0, 1e3, "Standard deviation of the force.")] = 0.002,
-    noise_corner: Annotated[
-        float | None, number("HZ", 1e-3, 1e4, "Corner of AR(1) noise; white without.")
-    ] = None,
-    full_scale: Annotated[
-        float | None, number("N", 1e-6, 1e6, "Range of the load cell, 16 bits; endless without.")
-    ] = None,
     encoder_step: Annotated[float, number("M", 0.0, 1e-2, "Of the position; 0: none.")] = 1e-6,
     overwrite: Annotated[bool, typer.Option(help="Replace FILE.")] = False,
     time_column: Annotated[
@@ -47,10 +41,10 @@ def simulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     quiet: Quiet = False,
 ) -> None:
     from forefeel.simulate.run import SimulationOptions, run_simulation  # noqa: PLC0415 - the help needs none of it
-    from forefeel.simulate.sensor import SensorOptions  # noqa: PLC0415
 
-    sensor = SensorOptions(noise, noise_corner, full_scale, encoder_step)
     columns = time_column, position_column
-    options = SimulationOptions(model, motion, duration, rate, seed, start, depth, frequency, sensor, columns)
+    options = SimulationOptions(
+        model, motion, duration, rate, seed, start, depth, frequency, noise, encoder_step, columns
+    )
     with output(quiet=quiet):
         run_simulation(options, out, overwrite)

@@ -13,7 +13,7 @@ from forefeel.common.errors import InputError, RunError
 
 
 class Child:
-    """`python WORDS`, started in a session of its own, so that only the run gets the terminal's Ctrl-C.
+    """`forefeel WORDS`, started in a session of its own, so that only the run gets the terminal's Ctrl-C.
 
     Args:
         end_s: s from SIGTERM to SIGKILL.
@@ -22,7 +22,7 @@ class Child:
     def __init__(self, name: str, words: Sequence[str], out: Path, end_s: float = 10.0) -> None:
         self.name = name
         self.log = out / f"{name}.log"
-        self._command = [sys.executable, *words]
+        self._command = [sys.executable, "-m", "forefeel", *words]
         self._end_s = end_s
         self._process: subprocess.Popen[bytes] | None = None
 

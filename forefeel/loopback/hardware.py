@@ -2,7 +2,7 @@
 simulated ones.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from forefeel.common.errors import ConfigurationError
@@ -19,22 +19,8 @@ _FASTER = 2.0
 """How much faster than the limits the drive could be, so that it follows them."""
 _Words = tuple[str, ...]
 _Devices = dict[str, dict[str, object]]
-
-
-@dataclass(frozen=True, slots=True)
-class Emulated:
-    """One emulator: its name, the words after `forefeel emulate`. It says a line when it is there."""
-
-    name: str
-    words: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Bench:
-    """The plan on emulated devices, and the emulators in the order of their start."""
-
-    plan: Plan
-    emulators: tuple[Emulated, ...]
+Emulators = dict[str, _Words]
+"""The words after `forefeel emulate` by the emulator's name, in the order of their start."""
 
 
 def check_hardware(hardware: str, recording: bool, virtual: bool) -> None:
@@ -57,10 +43,10 @@ def check_hardware(hardware: str, recording: bool, virtual: bool) -> None:
         )
 
 
-def on_bench(plan: Plan, hardware: str, ports: Path, out: Path, seed: int) -> Bench:
+def on_bench(plan: Plan, hardware: str, ports: Path, out: Path, seed: int) -> tuple[Plan, Emulators]:
     """The plan with emulated devices, whose ports lie in the folder `ports`; `out` gets the settings."""
     if hardware == SIMULATED:
-        return Bench(plan, ())
+        return plan, {}
     limits = plan.slave_settings().axes[0].limits
     common = ("--seed", str(seed))
     words = "--config", str(out / "slave.yaml"), "--feel", str(ports / "feel"), *common
@@ -72,14 +58,14 @@ def on_bench(plan: Plan, hardware: str, ports: Path, out: Path, seed: int) -> Be
         "driver": "coil_serial", "port": str(ports / "handle"), "counts_per_m": 1e6, "newton_per_ampere": 2.0,
         "max_current_a": 3.0, "watchdog_s": 0.1,
     }  # fmt: skip
-    hand = Emulated("handle", ("coil_serial", "--config", str(out / "master.yaml"), *common))
+    emulators["handle"] = "coil_serial", "--config", str(out / "master.yaml"), *common
     changed = replace(
         plan,
         slave={**plan.slave, "axes": [{**plan.slave["axes"][0], **devices}]},
         master={**plan.master, "axes": [{**plan.master["axes"][0], "handle": handle}]},
         metadata={**plan.metadata, "hardware": hardware},
     )
-    return Bench(changed, (*emulators, hand))
+    return changed, emulators
 
 
 def _motion(limits: AxisLimits) -> dict[str, object]:
@@ -90,18 +76,18 @@ def _motion(limits: AxisLimits) -> dict[str, object]:
     }
 
 
-def _serial(limits: AxisLimits, ports: Path, words: _Words) -> tuple[_Devices, list[Emulated]]:
+def _serial(limits: AxisLimits, ports: Path, words: _Words) -> tuple[_Devices, Emulators]:
     """Stage and load cell, each on a line of its own."""
     stage = {
         "driver": "zaber_ascii", "port": str(ports / "stage"), "microstep_m": 1e-7,
         "max_acceleration_m_s2": _FASTER * limits.max_acceleration_m_s2, **_motion(limits),
     }  # fmt: skip
     cell = {"driver": "bota_serial", "port": str(ports / "cell"), "full_scale_n": _FULL_SCALE_N}
-    emulators = [Emulated("cell", ("bota_serial", *words)), Emulated("stage", ("zaber_ascii", *words))]
+    emulators: Emulators = {"cell": ("bota_serial", *words), "stage": ("zaber_ascii", *words)}
     return {"stage": stage, "load_cell": cell}, emulators
 
 
-def _can(limits: AxisLimits, ports: Path, words: _Words, common: _Words) -> tuple[_Devices, list[Emulated]]:
+def _can(limits: AxisLimits, ports: Path, words: _Words, common: _Words) -> tuple[_Devices, Emulators]:
     """Drive and transducer on one bus: a hub with an end for each of them and one for the slave."""
     slave_end, stage_end, cell_end = (str(ports / name) for name in ("can-slave", "can-drive", "can-cell"))
     can = {"interface": "slcan", "channel": slave_end}
@@ -110,13 +96,9 @@ def _can(limits: AxisLimits, ports: Path, words: _Words, common: _Words) -> tupl
         **_motion(limits),
     }  # fmt: skip
     cell = {"driver": "cia404", "can": can, "node_id": 2, "full_scale_n": _FULL_SCALE_N}
-    emulators = [
-        Emulated("hub", ("can_hub", "--port", ",".join((slave_end, stage_end, cell_end)), *common)),
-        Emulated("cell", ("cia404", "--port", cell_end, *words)),
-        Emulated("stage", ("cia402", "--port", stage_end, *words)),
-    ]
+    emulators: Emulators = {
+        "hub": ("can_hub", "--port", ",".join((slave_end, stage_end, cell_end)), *common),
+        "cell": ("cia404", "--port", cell_end, *words),
+        "stage": ("cia402", "--port", stage_end, *words),
+    }
     return {"stage": stage, "load_cell": cell}, emulators
-
-
-def emulator_command(emulated: Emulated) -> list[str]:
-    return ["-m", "forefeel", "emulate", *emulated.words]

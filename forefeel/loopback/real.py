@@ -16,7 +16,7 @@ from forefeel.common.topics import COMMAND, SLAVE_STATE, Topic
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.interrupt import Stop, heeded
 from forefeel.loopback.child import Child, free_endpoints
-from forefeel.loopback.hardware import Emulated, emulator_command
+from forefeel.loopback.hardware import Emulators
 from forefeel.loopback.plan import AXIS, STATE, Plan
 from forefeel.loopback.viewer import DashboardProcess
 from forefeel.terminal import Show
@@ -32,16 +32,12 @@ minute, and was seen to need more than two beside 20 other busy processes.
 _RELEASE_S = 1.0  # s that the release may take to reach the slave
 
 
-class InterruptedRunError(RunError):
-    """The user ended the run; what was recorded is kept."""
-
-
 def run_real(
     plan: Plan,
     out: Path,
     progress: AbstractContextManager[Show],
-    emulators: Sequence[Emulated] = (),
-    viewer: DashboardProcess | None = None,
+    emulators: Emulators,
+    viewer: DashboardProcess | None,
 ) -> None:
     """Runs to the end and leaves out/recording.mcap; `progress` is entered when the daemons have
     started, and shown (seconds done, what happens).
@@ -60,9 +56,10 @@ def run_real(
     plan = with_state(_with_endpoints(plan, slave_at, recorder_at, *master_at), out)
     with heeded() as stop:
         paths = plan.write(out)
-        slave = Child("slave", _daemon("slave", paths[0], None), out)
-        master = Child("master", _daemon("master", paths[1], plan.duration_s), out)
-        devices = [Child(each.name, emulator_command(each), out) for each in emulators]
+        ends = () if plan.duration_s is None else ("--duration", f"{plan.duration_s}")
+        slave = Child("slave", ("slave", "--config", str(paths[0])), out)
+        master = Child("master", ("master", "--config", str(paths[1]), *ends), out)
+        devices = [Child(name, ("emulate", *words), out) for name, words in emulators.items()]
         recorder: Recorder | None = None
         try:
             if _started(devices, master, stop):
@@ -76,14 +73,9 @@ def run_real(
             if recorder is not None:
                 recorder.close()
         if stop.wanted():
-            raise InterruptedRunError("interrupted; both ends stopped in order and the recording is closed")
+            raise RunError("interrupted; both ends stopped in order and the recording is closed")
     for child in (slave, master, *devices):
         child.check()
-
-
-def _daemon(role: str, settings: Path, duration_s: float | None) -> list[str]:
-    words = ["-m", "forefeel", role, "--config", str(settings)]
-    return words if duration_s is None else [*words, "--duration", f"{duration_s}"]
 
 
 def _recorder(path: Path, plan: Plan, endpoint: str) -> "Recorder":

@@ -125,8 +125,8 @@ def _run(
             _run_virtual(plan, options.seed, folder / RECORDING, written, show)
         return
     with TemporaryDirectory(prefix="forefeel-") as ports:  # short, for sockets have short names
-        bench = on_bench(plan, options.hardware, Path(ports), folder, options.seed)
-        run_real(bench.plan, folder, progress, bench.emulators, viewer)
+        plan, emulators = on_bench(plan, options.hardware, Path(ports), folder, options.seed)
+        run_real(plan, folder, progress, emulators, viewer)
     written.append(RECORDING)
 
 

@@ -56,7 +56,7 @@ class DashboardProcess:
             self._say("dashboard: needs an extra: pip install forefeel[dashboard]")
             return
         connect = [word for endpoint in self.endpoints for word in ("--connect", endpoint)]
-        words = ["-m", "forefeel", "dashboard", "--told", "--cell", CELL, *connect]
+        words = ["dashboard", "--told", "--cell", CELL, *connect]
         words += ["--open"] if self._opens else []
         try:
             with _listening(self._port) as listening:

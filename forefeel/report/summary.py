@@ -40,8 +40,6 @@ from forefeel.report.states import armed_share
 from forefeel.report.traces import AxisTraces, CommandTraces, axis_traces, run_span_ns, sent_ns
 from forefeel.report.transparency import run_transparency
 
-__all__ = ["RunReport", "last_timing", "summarise"]
-
 SETTLING_S = 3.0
 """From the first scored command to the first one that counts as settled."""
 _SILENT_S = 1.0
@@ -73,7 +71,7 @@ def summarise(run: Run) -> RunReport:
         "truncated": run.truncated,
         "seed": of_run.get("seed"),
         "impairment": of_run.get("impairment"),
-        "loop": Loops(**{role: _loop(last_timing(run, role)) for role in _TIMINGS}),
+        "loop": Loops(**{role: _loop(_last_timing(run, role)) for role in _TIMINGS}),
         "counters": first.counters | impairment_counters(run) | recorder_counters(run),
         "metadata": metadata,
         "axes": axes,
@@ -81,7 +79,7 @@ def summarise(run: Run) -> RunReport:
     return RunReport(**fields)
 
 
-def last_timing(run: Run, role: str) -> LoopTiming | None:
+def _last_timing(run: Run, role: str) -> LoopTiming | None:
     """What the master's or the slave's loop said last of its lateness, on whichever axis."""
     topic = _TIMINGS[role]
     return next((timing for axis in run.axes if (timing := last(run.messages(axis, topic)))), None)

@@ -1,7 +1,7 @@
 """One simulated recording from the options to the file."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +15,6 @@ from forefeel.common.recording.units import mapping_of
 from forefeel.files import check_new_file, whole
 from forefeel.interrupt import ends_in_order
 from forefeel.simulate.motion import FollowedRecording, Hand, MotionPiece, multisine, sine
-from forefeel.simulate.sensor import SensorOptions, counted, encoded, noise
 from forefeel.simulate.world import integrate
 from forefeel.terminal import bar, show
 
@@ -70,7 +69,8 @@ class SimulationOptions:
     """What to simulate. `motion`: one of `MOTIONS`, or the path of a recording whose position is followed, by
     its `columns` of time and position, each as `unit:column`.
 
-    `duration_s` and `rate_hz`: None for those of the recorded motion, else 30 s and 1 kHz.
+    `duration_s` and `rate_hz`: None for those of the recorded motion, else 30 s and 1 kHz. `noise_n`: white,
+    its standard deviation. `encoder_step_m`: 0: none.
     """
 
     model: Path
@@ -81,7 +81,8 @@ class SimulationOptions:
     start_m: float = 0.0
     depth_m: float = 0.03
     frequency_hz: float = 0.5
-    sensor: SensorOptions = field(default_factory=SensorOptions)
+    noise_n: float = 0.002
+    encoder_step_m: float = 1e-6
     columns: tuple[str | None, str | None] = (None, None)
 
 
@@ -121,14 +122,12 @@ def simulate(
     continuous, converts = at_conversion(model)
     span_s = float(np.ptp(stamps_s))
     position_m, force_n = integrate(continuous, pieces, lambda now_s: shown((now_s - stamps_s[0]) / span_s))
-    force_n = force_n + noise(options.sensor, stamps_s, random)
+    force_n = force_n + random.normal(0.0, options.noise_n, len(stamps_s))
     for effect in converts:
         force_n = effect.readings(stamps_s - stamps_s[0], force_n)
-    return {
-        "time_s": stamps_s,
-        "position_m": encoded(options.sensor, position_m),
-        "force_n": counted(options.sensor, force_n),
-    }
+    if step_m := options.encoder_step_m:
+        position_m = np.rint(position_m / step_m) * step_m
+    return {"time_s": stamps_s, "position_m": position_m, "force_n": force_n}
 
 
 def _pieces(options: SimulationOptions, random: np.random.Generator) -> list[MotionPiece]:

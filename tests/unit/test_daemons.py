@@ -20,7 +20,7 @@ from forefeel.control_socket import ControlSocket, SlaveRequests
 from forefeel.daemons import Process, SessionWatch
 from forefeel.master.session import Session, SessionState
 from forefeel.master.settings import MasterSettings
-from forefeel.reachability import AnswerWatch, Obstacle, Obstacles
+from forefeel.reachability import AnswerWatch, Obstacle
 from forefeel.slave.devices import Devices
 from forefeel.slave.settings import SlaveSettings
 from tests.event_lines import read_events
@@ -193,9 +193,7 @@ class Waiting:
         process = SimpleNamespace(
             say=self.said.append,
             runtime=None,
-            answer_watch=lambda _, unheard: AnswerWatch(
-                cast(Obstacles, self), unheard, self.said.append, host
-            ),
+            answer_watch=lambda _, unheard: AnswerWatch(self.find, unheard, self.said.append, host),
         )
         axis: Any = SimpleNamespace(name="insertion", session=self.session)
         self.watch = SessionWatch(

@@ -2,12 +2,12 @@
 
 import socket
 from concurrent.futures import Future
-from typing import Any, cast
+from typing import Any
 
 import pytest
 
 from forefeel.common.transport.settings import TransportSettings
-from forefeel.reachability import AnswerWatch, Obstacle, Obstacles, Reached, reach, unheard
+from forefeel.reachability import AnswerWatch, Obstacle, Reached, reach, unheard
 from tests.stepped import SteppedHost
 from tests.unit.failing import refusing
 
@@ -57,10 +57,7 @@ class Probing(SteppedHost):
         self.found, self.ends = list(found), True
         self.probes: list[Future[Any]] = []
         self.reported: list[str] = []
-        self.watch = AnswerWatch(cast(Obstacles, self), lambda: "silent", self.reported.append, self)
-
-    def find(self) -> list[Obstacle]:
-        return self.found
+        self.watch = AnswerWatch(lambda: self.found, lambda: "silent", self.reported.append, self)
 
     def in_thread(self, work: Any, name: str) -> "Future[Any]":  # noqa: ANN401 - of any result
         future = super().in_thread(work, name) if self.ends else Future[Any]()

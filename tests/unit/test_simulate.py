@@ -1,7 +1,7 @@
 """Simulated recordings against closed forms and their own statistics."""
 
 from dataclasses import replace
-from math import exp, pi
+from math import pi
 from pathlib import Path
 from typing import Any
 
@@ -13,10 +13,8 @@ from forefeel.common.errors import ConfigurationError
 from forefeel.common.recording.recording import Array, Recording
 from forefeel.simulate.motion import SMOOTHING_HZ, FollowedRecording, Hand, MotionSource, multisine, sine
 from forefeel.simulate.run import SimulationOptions, simulate
-from forefeel.simulate.sensor import SensorOptions, noise
 
-SILENT = SensorOptions(noise_n=0.0, encoder_step_m=0.0)
-QUIET = SimulationOptions(Path("model.yaml"), "sine", duration_s=3.0, sensor=SILENT)
+QUIET = SimulationOptions(Path("model.yaml"), "sine", duration_s=3.0, noise_n=0.0, encoder_step_m=0.0)
 WALL = {"mass_kg": 0.05, "damping_n_s_m": 0.8, "stiffness_n_m": 8.0}
 
 
@@ -33,6 +31,8 @@ def test_a_sine_on_a_linear_wall_is_its_closed_form() -> None:
     x, v, a = 0.015 * (1 - np.cos(w * t)), 0.015 * w * np.sin(w * t), 0.015 * w * w * np.cos(w * t)
     np.testing.assert_allclose(found["position_m"], x, atol=1e-15)
     np.testing.assert_allclose(found["force_n"], 0.05 * a + 0.8 * v + 8.0 * x, atol=1e-12)
+    steps = simulate(model(), replace(QUIET, encoder_step_m=1e-5))["position_m"] / 1e-5
+    np.testing.assert_allclose(steps, np.round(x / 1e-5), atol=1e-6)
 
 
 def test_the_physics_runs_faster_than_the_recording() -> None:
@@ -82,7 +82,7 @@ def test_a_hand_dwells_and_varies_speed_and_depth() -> None:
 
 
 def test_seeds_repeat_and_differ() -> None:
-    options = replace(QUIET, motion="hand", sensor=SensorOptions())
+    options = replace(QUIET, motion="hand", noise_n=0.002)
     wall = model(("mass_damper_spring", WALL))
     first, again, other = (simulate(wall, replace(options, seed=seed)) for seed in (1, 1, 2))
     for name in ("position_m", "force_n"):
@@ -90,47 +90,10 @@ def test_seeds_repeat_and_differ() -> None:
         assert not np.array_equal(first[name], other[name])
 
 
-def correlation(values: Array, lag: int) -> float:
-    return float(np.corrcoef(values[:-lag], values[lag:])[0, 1])
-
-
-def test_noise_is_white_or_of_first_order() -> None:
-    t = np.arange(200_000, dtype=np.float64) * 1e-3
-    white = noise(SensorOptions(noise_n=0.002), t, np.random.default_rng(1))
-    assert np.std(white) == pytest.approx(0.002, rel=0.01)
-    assert abs(correlation(white, 1)) < 0.01
-    options = SensorOptions(noise_n=0.002, noise_corner_hz=20.0)
-    coloured = noise(options, t, np.random.default_rng(1))
-    assert np.std(coloured) == pytest.approx(0.002, rel=0.05)
-    for lag in (1, 5):
-        assert correlation(coloured, lag) == pytest.approx(exp(-2 * pi * 20.0 * lag * 1e-3), abs=0.02)
-
-
-def test_coloured_noise_keeps_its_size_at_uneven_stamps() -> None:
-    random = np.random.default_rng(2)
-    t = np.cumsum(random.choice([1e-4, 1e-3, 0.03], 100_000))
-    options = SensorOptions(noise_n=0.002, noise_corner_hz=5.0)
-    found = noise(options, t, random)
-    after_short = found[1:][np.diff(t) < 2e-4]
-    assert np.std(after_short) == pytest.approx(0.002, rel=0.03)
-    assert np.std(found[1:][np.diff(t) > 0.02]) == pytest.approx(0.002, rel=0.03)
-
-
-def test_a_load_cell_has_counts_and_flat_tops() -> None:
-    options = replace(QUIET, sensor=SensorOptions(noise_n=0.002, full_scale_n=0.2, encoder_step_m=1e-5))
-    found = simulate(model(("mass_damper_spring", WALL)), options)
-    counts = found["force_n"] / (0.2 / 32767)
-    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
-    assert np.max(found["force_n"]) == pytest.approx(0.2)
-    assert np.sum(found["force_n"] == np.max(found["force_n"])) > 100
-    steps = found["position_m"] / 1e-5
-    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
-
-
 def test_conversion_sees_the_noise_and_a_lag_does_not() -> None:
     spikes = {"rate_hz": 5.0, "amplitude_n": 5.0}
     sensors = model(("sensor_quantisation", {"step_n": 0.01}), ("sensor_lag", {"time_constant_s": 0.2}))
-    found = simulate(sensors, replace(QUIET, sensor=SensorOptions(noise_n=0.02)))["force_n"]
+    found = simulate(sensors, replace(QUIET, noise_n=0.02))["force_n"]
     np.testing.assert_allclose(found / 0.01, np.round(found / 0.01), atol=1e-6)
     assert np.std(found) == pytest.approx(0.02, rel=0.1)
     slow = simulate(model(("sensor_spikes", spikes)), replace(QUIET, rate_hz=50.0, duration_s=40.0))
