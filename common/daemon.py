@@ -68,7 +68,6 @@ class Reports:
     def __init__(
         self, bus: Bus, role: Role, lateness: Lateness, transport: ImpairedTransport, runtime: Runtime
     ) -> None:
-        self._bus = bus
         self._loop = {"master": "haptic", "slave": "control"}[role]
         self._lateness = lateness
         self._transport = transport
@@ -107,8 +106,6 @@ class Reports:
         """What became of each message since the last call; of the first second at its end, or a recorder
         would lack the begin.
         """
-        if self._transport.trace_lost:
-            self._bus.counters["trace_lost"] = self._transport.trace_lost
         self._since_ns = now_ns if self._since_ns is None else self._since_ns
         if now_ns - self._since_ns < _KNOWN_NS and not last:
             return

@@ -28,12 +28,10 @@ class FlightRing:
 
     Attributes:
         add: takes a row `(stamp_ns, ...)`; a C function, for it is called at full rate.
-        left_out: payloads that were too long to be kept.
     """
 
     def __init__(self, key: str, topic: Topic[Message]) -> None:
         self.key = key
-        self.left_out = 0
         self.largest = _LARGEST[topic.qos]
         seconds = (BEFORE_NS + AFTER_NS) * 1e-9 + _SPARE_S
         self._rows: deque[Row] = deque(
@@ -42,11 +40,9 @@ class FlightRing:
         self.add: Callable[[Row], None] = self._rows.append
 
     def received(self, payload: bytes, receive_ns: int) -> None:
-        """Takes what a stranger may have sent: longer payloads than the topic's are counted only."""
+        """Takes what a stranger may have sent, but no longer payload than the topic's."""
         if len(payload) <= self.largest:
             self.add((receive_ns, payload))
-        else:
-            self.left_out += 1
 
     def between(self, first_ns: int, last_ns: int) -> list[Row]:
         """The rows of that span, both ends included, in the order of their coming."""

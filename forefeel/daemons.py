@@ -6,10 +6,10 @@ import asyncio
 import gc
 import hashlib
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, TypeVar
 from forefeel.child_process import die_with_parent
 from forefeel.common.config import dump_yaml
 from forefeel.common.errors import ConfigurationError, EndpointError, NoRouterError
-from forefeel.common.events.console import ConsoleNotifier
+from forefeel.common.events.console import Notices, tell_notices
 from forefeel.common.runtime.real import Host, RealRuntime
 from forefeel.common.runtime.service_manager import ServiceManager, ServiceWatchdog
 from forefeel.common.settings import DaemonSettings
@@ -165,7 +165,7 @@ class Process:
     find_obstacles: Probe
     connect: Connect
     end: str = "ended"
-    notifier: ConsoleNotifier | None = None
+    notices: Mapping[str, Notices] = field(default_factory=dict)
 
     def say(self, text: str) -> None:
         say(f"{self.role}: {text}")
@@ -181,7 +181,7 @@ class Process:
     async def open_transport(self, insecure: bool, timeout_s: float | None) -> ParallelTransport | None:
         """The daemon's transport, once its router answers where it has one; None when told to end meanwhile.
 
-        It is opened in a thread. That may take `transport.open_timeout_s`, and a signal is heeded at once.
+        It is opened in a thread. That may take ten seconds, and a signal is heeded at once.
         """
         settings, runtime = self.settings, self.runtime
         watch = self.answer_watch("the router", lambda: unheard(settings.transport, False, ""))
@@ -228,8 +228,8 @@ class Process:
 
     def watch(self, axes: "Sequence[SlaveAxis | MasterAxis]") -> ServiceWatchdog:
         """Shows notices on the console; tells systemd how the daemon does."""
-        self.notifier = ConsoleNotifier(self.role, {axis.name: axis.events.notices for axis in axes}, say)
-        self.runtime.task("notices", _NOTICES_NS, self.notifier.serve)
+        self.notices = {axis.name: axis.events.notices for axis in axes}
+        self.runtime.task("notices", _NOTICES_NS, self._tell_notices)
 
         def status(now_ns: int) -> str:
             return "; ".join(f"axis {axis.name}: {axis.status(now_ns)}" for axis in axes)
@@ -239,14 +239,16 @@ class Process:
         self.runtime.task("service watchdog", watchdog.period_ns, watchdog.look)
         return watchdog
 
+    def _tell_notices(self, _now_ns: int = 0) -> None:
+        tell_notices(self.role, self.notices, say)
+
     def finish(self) -> None:
         """Says how the daemon ended.
 
         Raises:
             RunError: a fault ended it.
         """
-        if self.notifier is not None:
-            self.notifier.serve(self.runtime.clock.now_ns())
+        self._tell_notices()
         self.say(f"{self.end}, closed")
         self.runtime.raise_fault()
 

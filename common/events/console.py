@@ -5,11 +5,10 @@ from contextlib import suppress
 
 from forefeel.common.slots import BoundedQueue
 
-_SECOND_NS = 1_000_000_000  # ns in a second, over which `ConsoleNotifier` counts its lines
-_REPEAT_NS = 5 * _SECOND_NS
+_REPEAT_NS = 5_000_000_000
 """A cause that lasts is told anew after this long: often enough to be read while it holds."""
-_PER_SECOND = 10
-"""More lines than this are not read, and fill the journal."""
+_WAITING = 10
+"""More lines at once are not read, and fill the journal: the oldest are lost."""
 
 
 def printable(text: str) -> str:
@@ -21,7 +20,7 @@ class Notices:
     """The lines of one axis that wait for the console. Filled by any thread, drained by one."""
 
     def __init__(self) -> None:
-        self._queue: BoundedQueue[str] = BoundedQueue(64)
+        self._queue: BoundedQueue[str] = BoundedQueue(_WAITING)
         self._repeated_ns: int | None = None
 
     def add(self, text: str) -> None:
@@ -34,39 +33,13 @@ class Notices:
             self.add(text)
 
     def drain(self) -> list[str]:
-        """The lines since the last call, oldest first; the oldest of very many are lost."""
+        """The lines since the last call, oldest first."""
         return self._queue.drain()
 
 
-class ConsoleNotifier:
-    """Tells the notices of a daemon's axes, at most ten lines a second, and counts the others.
-
-    Args:
-        role: of the daemon.
-        notices: by axis.
-        tell: takes a line. A terminal that is gone stops nothing.
-    """
-
-    def __init__(self, role: str, notices: Mapping[str, Notices], tell: Callable[[str], None]) -> None:
-        self._role, self._notices, self._tell = role, notices, tell
-        self._second = self._lines = self._held_back = 0
-
-    def serve(self, now_ns: int) -> None:
-        """Tells what came since the last call; about ten times a second."""
-        for name, notices in self._notices.items():
-            for text in self._admitted(notices.drain(), now_ns):
-                with suppress(OSError):
-                    self._tell(f"{self._role}: axis {name}: {text}")
-
-    def _admitted(self, texts: list[str], now_ns: int) -> list[str]:
-        """Those that this second has room for, behind how many the last one had none for."""
-        told = []
-        if now_ns // _SECOND_NS != self._second:
-            self._second, self._lines = now_ns // _SECOND_NS, 0
-            if self._held_back:
-                told.append(f"{self._held_back} more, not shown")
-                self._held_back = 0
-        room = max(0, _PER_SECOND - self._lines)
-        self._lines += len(texts[:room])
-        self._held_back += len(texts[room:])
-        return told + texts[:room]
+def tell_notices(role: str, notices: Mapping[str, Notices], say: Callable[[str], None]) -> None:
+    """Says the lines of a daemon's axes since the last call. A terminal that is gone stops nothing."""
+    for name, waiting in notices.items():
+        for text in waiting.drain():
+            with suppress(OSError):
+                say(f"{role}: axis {name}: {text}")

@@ -8,7 +8,6 @@ import os
 import socket
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from typing import Protocol
 
 from forefeel.common.clock import MonotonicClock
 
@@ -16,24 +15,12 @@ _LONGEST_LINE = 256  # characters of a status line
 _LOOK_NS = 100_000_000
 
 
-class Manager(Protocol):
-    """Port to the service manager (systemd sd_notify)."""
-
-    @property
-    def watchdog_ns(self) -> int | None:
-        """Within which time a sign of life has to follow the one before; None: none is wanted."""
-        ...
-
-    def tell(self, text: str) -> None:
-        """Sends one or more lines `NAME=value`; never raises, never waits."""
-        ...
-
-
 class ServiceManager:
     """The socket that NOTIFY_SOCKET names; without it nothing is sent.
 
     Attributes:
-        watchdog_ns: see `Manager`; from WATCHDOG_USEC, where WATCHDOG_PID is this process or absent.
+        watchdog_ns: within which time a sign of life has to follow the one before; None: none is wanted.
+            From WATCHDOG_USEC, where WATCHDOG_PID is this process or absent.
     """
 
     def __init__(self, environment: Mapping[str, str], pid: int) -> None:
@@ -41,6 +28,7 @@ class ServiceManager:
         self.watchdog_ns = _watchdog_ns(environment, pid) if self._address is not None else None
 
     def tell(self, text: str) -> None:
+        """Sends one or more lines `NAME=value`; never raises, never waits."""
         if self._address is None:
             return
         with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
@@ -56,7 +44,7 @@ class ServiceWatchdog:
     """
 
     def __init__(
-        self, manager: Manager, ticks: Callable[[], tuple[int, ...]], status: Callable[[int], str]
+        self, manager: ServiceManager, ticks: Callable[[], tuple[int, ...]], status: Callable[[int], str]
     ) -> None:
         self._manager = manager
         self._ticks = ticks

@@ -34,7 +34,7 @@ class _Request(NamedTuple):
 
 
 class FlightWriter:
-    """Keeps the newest records in a folder, one a second at most; the others are counted in an event.
+    """Keeps the newest records in a folder, one a second at most.
 
     Any thread asks; the worker `flight` waits, encodes and writes. A record is there whole or not at all.
 
@@ -56,7 +56,6 @@ class FlightWriter:
         self.facts: dict[str, str] = {}
         self._requests: deque[_Request] = deque()
         self._accepted_ns: int | None = None
-        self._skipped = 0
         self.worker = worker("flight", self.write)
         for part in folder.glob(".*.part"):  # of a daemon that was killed
             with suppress(OSError):
@@ -66,7 +65,6 @@ class FlightWriter:
         """Requests a record of what led to this; never blocks."""
         accepted_ns = self._accepted_ns
         if accepted_ns is not None and now_ns - accepted_ns < _AT_MOST_EVERY_NS:
-            self._skipped += 1
             return
         self._accepted_ns = now_ns
         self._requests.append(_Request(axis, event, reason, now_ns, self._wall.utc()))
@@ -84,13 +82,7 @@ class FlightWriter:
                 return left_ns * 1e-9
             self._record(request)
             self._requests.popleft()
-            self._say_skipped()
         return None
-
-    def _say_skipped(self) -> None:
-        skipped, self._skipped = self._skipped, 0
-        if skipped:
-            self._note("flight_skipped", self._clock.now_ns(), count=skipped, what="one a second at most")
 
     def _record(self, request: _Request) -> None:
         name = f"{request.utc.replace(':', '').replace('-', '')}-{request.axis}-{request.event}.mcap"

@@ -122,15 +122,10 @@ class ImpairedTransport:
 
     def drain_trace(self) -> list[TraceChunk]:
         """What the links did since the last call, in chunks that fit into a message each.
-
-        A gap in the indices is what nobody drained in time, see `trace_lost`.
+        Gaps in the
+               indices are what nobody drained in time.
         """
         return [chunk for lane in self._lanes() for chunk in lane.drain()]
-
-    @property
-    def trace_lost(self) -> int:
-        """Entries of the trace that nobody drained in time."""
-        return sum(lane.lost for lane in self._lanes())
 
     def _lanes(self) -> list["_Lane"]:
         return [lane for lane in (self._inbound, self._outbound) if lane is not None]
@@ -148,7 +143,6 @@ class _Lane:
         self.closed = False
         self._messages = 0
         self._trace: deque[tuple[int, ...]] = deque(maxlen=_TRACE_CAPACITY)
-        self.lost = 0
 
     def guarded(self, deliver: Put) -> Put:
         """`deliver` that does nothing any more once the lane is closed."""
@@ -176,7 +170,6 @@ class _Lane:
             return ()
         delays_ns = self._link.plan(now_ns)
         self._messages += 1
-        self.lost += len(self._trace) == _TRACE_CAPACITY
         self._trace.append(delays_ns)
         return delays_ns
 

@@ -95,17 +95,9 @@ class Impairment:
 
 
 class ReplayedImpairment:
-    """Does to the n-th message what a recorded trace says; after its end the trace starts again.
-
-    Raises:
-        ValueError: the trace is empty, or a delay in it is negative.
-    """
+    """Does to the n-th message what a recorded trace says; after its end the trace starts again."""
 
     def __init__(self, trace: Sequence[tuple[int, ...]]) -> None:
-        if not trace:
-            raise ValueError("impairment trace: empty, expected the delays of at least one message")
-        if any(delay_ns < 0 for delays_ns in trace for delay_ns in delays_ns):
-            raise ValueError("impairment trace: a negative delay, expected nanoseconds >= 0")
         self._trace = tuple(trace)
         self._index = 0
 

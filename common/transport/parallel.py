@@ -165,10 +165,6 @@ class ParallelTransport:
     def refused(self) -> Mapping[str, int]:
         return sum((Counter(session.refused()) for session in self._sessions), Counter[str]())
 
-    @property
-    def handler_faults(self) -> int:
-        return sum(session.handler_faults for session in self._sessions)
-
     def close(self) -> None:
         """All of them; the first last, whose events are the latest."""
         self._closing.set()

@@ -22,43 +22,24 @@ class TransportSettings(Settings):
 
     A `peer` waits for whoever it connects to. A `client` speaks to a router: slave and master wait for it,
     others end when it does not answer. `pki` is the folder of certificates that `forefeel pki init` made;
-    with it every endpoint is tls/ or quic/, and each role may do its own only. `zenoh_file` is a Zenoh JSON5
-    file with further settings; what stands here overrules it.
+    with it every endpoint is tls/ or quic/, and each role may do its own only.
 
     Attributes:
         connections: how many connections a daemon opens to each endpoint in `connect`; the streams take
             turns between them, so that a lost packet holds up one of them only. null: 16 where a tcp/ or tls/
             endpoint in `connect` is on another host, else 1.
-        open_timeout_s: how long opening a connection may take at either end; it needs four round trips.
-        lease_s: a connection that is silent for so long is closed and opened anew. Safety does not depend on
-            it: the gate has a watchdog and a lease of its own.
-        retry_min_s: pause after the first failed attempt to connect; it doubles with each further one.
-        retry_max_s: longest of these pauses.
     """
 
     mode: Literal["peer", "client"] = "peer"
     listen: tuple[str, ...] = ()
     connect: tuple[str, ...] = ()
     connections: Annotated[int, Field(ge=1, le=MOST_CONNECTIONS)] | None = None
-    open_timeout_s: Annotated[float, Field(ge=0.1, le=60)] = 10.0
-    lease_s: Annotated[float, Field(ge=0.1, le=60)] = 3.0
-    retry_min_s: Annotated[float, Field(ge=0.01, le=60)] = 0.1
-    retry_max_s: Annotated[float, Field(ge=0.01, le=60)] = 1.0
     pki: Annotated[Path, AfterValidator(beside_the_file)] | None = None
-    zenoh_file: Annotated[Path, AfterValidator(beside_the_file)] | None = None
 
     @model_validator(mode="after")
     def _client_connects(self) -> Self:
         if self.mode == "client" and (self.listen or not self.connect):
             raise ValueError("mode 'client': expected at least one endpoint in connect and none in listen")
-        return self
-
-    @model_validator(mode="after")
-    def _retries_in_order(self) -> Self:
-        if self.retry_max_s < self.retry_min_s:
-            raise ValueError(
-                f"retry_max_s = {self.retry_max_s:g}: expected at least retry_min_s = {self.retry_min_s:g}"
-            )
         return self
 
     @property

@@ -21,7 +21,7 @@ from forefeel.common.transport.pki import read_identity
 from forefeel.common.transport.port import MOST_POLLED, Handler, KeyedHandler, OnFault, Poll, Put
 from forefeel.common.transport.security import Party, secured
 from forefeel.common.transport.settings import MOST_CONNECTIONS, TransportSettings
-from forefeel.common.transport.zenoh_config import Mode, configuration, secured_by_file
+from forefeel.common.transport.zenoh_config import Mode, configuration
 
 _Receive = Callable[[zenoh.Sample], None]
 
@@ -72,7 +72,6 @@ class ZenohTransport:
     (seen as a gap in their sequence) and holds up nobody.
 
     Attributes:
-        handler_faults: exceptions that handlers raised; each went to `on_fault`.
         notice: what the user must be told loudly about this session, or empty.
     """
 
@@ -87,7 +86,6 @@ class ZenohTransport:
         self._declared = ExitStack()
         self._declared.enter_context(session)
         self._threads: list[threading.Thread] = []
-        self.handler_faults = 0
         self.notice, self._mode = "", "peer"
 
     @classmethod
@@ -114,7 +112,7 @@ class ZenohTransport:
         Raises:
             EndpointError: an endpoint is taken, malformed, not resolvable, or needs certificates; or no
                 router answers a client.
-            ConfigurationError: `zenoh_file` or a file of `pki` is missing or not what it should be.
+            ConfigurationError: a file of `pki` is missing or not what it should be.
         """
         session, notice = open_session(
             settings, settings.mode, party, insecure=insecure, real_stage=real_stage
@@ -226,7 +224,6 @@ class ZenohTransport:
         try:
             receive(sample)
         except Exception as error:  # noqa: BLE001 - the edge to the transport
-            self.handler_faults += 1
             self._on_fault(error)
 
 
@@ -240,7 +237,7 @@ def open_session(
     notice = check_exposure(
         settings.listen,
         settings.connect,
-        secured=bool(added) or secured_by_file(settings),
+        secured=bool(added),
         insecure=insecure,
         real_stage=real_stage,
     )

@@ -14,7 +14,6 @@ from forefeel.common.transport.exposure import check_exposure
 from forefeel.common.transport.pki import read_certificate, read_identity
 from forefeel.common.transport.security import Party, PartyRole
 from forefeel.common.transport.settings import TransportSettings
-from forefeel.common.transport.zenoh_config import secured_by_file
 from forefeel.daemon_settings import load_daemon
 from forefeel.doctor.host import ClockState, Heard, HostProbe, LoopCheck
 from forefeel.probe.configured import ConfiguredDevice, configured
@@ -98,10 +97,10 @@ def check_certificates(role: Role, settings: DaemonSettings, host: HostProbe) ->
     """Whether what is open to a network is secured, by a certificate that is valid and names this host."""
     transport, group = settings.transport, "certificates"
     try:
-        secured = transport.pki is not None or secured_by_file(transport)
+        secured = transport.pki is not None
         ways = transport.listen, transport.connect
         notice = check_exposure(*ways, secured=secured, insecure=True, real_stage=settings.real_stage)
-    except (ConfigurationError, EndpointError) as error:
+    except EndpointError as error:
         notice, secured = str(error), False
     if notice:
         advice = "forefeel pki init makes certificates; name this host's folder in transport.pki"

@@ -53,7 +53,7 @@ def test_config_check_prints_settings_that_load_again(
     assert run(["config", "check", str(effective)]) == 0
     assert capsys.readouterr().out == effective.read_text()
     defaults = yaml.safe_load(effective.read_text())
-    assert defaults["transport"]["lease_s"] == 3.0  # not in the file: a default
+    assert defaults["state"]["flight_records"] == 20  # not in the file: a default
 
 
 def test_config_check_of_a_file_that_names_others_loads_again_from_elsewhere(

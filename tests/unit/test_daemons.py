@@ -124,7 +124,7 @@ def test_fault_ends_the_daemon_with_its_cause(bench: Bench, monkeypatch: pytest.
     assert events[-1].event == "stop" and "torn" in events[-1].details["reason"]
 
 
-@pytest.mark.parametrize("name", ["serving", "ConsoleNotifier"])
+@pytest.mark.parametrize("name", ["serving", "ServiceManager"])
 @pytest.mark.parametrize("role", ["slave", "master"])
 def test_daemon_that_can_not_begin_closes_devices_and_transport(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, role: str, name: str

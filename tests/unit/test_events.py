@@ -6,7 +6,7 @@ from forefeel.common import topics
 from forefeel.common.bus import Bus
 from forefeel.common.clock import VirtualClock
 from forefeel.common.events.coalescer import EventCoalescer
-from forefeel.common.events.console import ConsoleNotifier, Notices
+from forefeel.common.events.console import Notices, tell_notices
 from forefeel.common.events.sink import NULL_EVENT_SINK
 from forefeel.common.events.text import event_text, is_long_round_trip, long_round_trip, span
 from forefeel.common.limiter import LimitHit
@@ -87,29 +87,10 @@ def test_a_cause_that_lasts_is_told_at_once_and_every_five_seconds() -> None:
     assert notices.drain() == ["3", "8", "13", "18"]
 
 
-@pytest.mark.parametrize("at_once", [1, 7, 100])
-def test_a_second_has_ten_lines_and_the_next_says_how_many_more_there_were(at_once: int) -> None:
-    notices, lines = Notices(), list[str]()
-    notifier = ConsoleNotifier("slave", {"insertion": notices}, lines.append)
-    texts = [f"slave: axis insertion: {i}" for i in range(100)]
-    waiting = 64 if at_once == 100 else 100  # the queue of an axis drops the oldest
-    for first in range(0, 100, at_once):
-        for i in range(first, min(first + at_once, 100)):
-            notices.add(str(i))
-        notifier.serve(S + first)
-    assert lines == texts[100 - waiting :][:10]
-    lines.clear()
-    notifier.serve(2 * S)
-    notices.add("again")
-    notifier.serve(2 * S + 1)
-    notifier.serve(3 * S)
-    assert lines == [f"slave: axis insertion: {waiting - 10} more, not shown", "slave: axis insertion: again"]
-
-
 def test_a_terminal_that_is_gone_stops_nothing() -> None:
     notices = Notices()
     notices.add("a")
-    ConsoleNotifier("slave", {"insertion": notices}, refusing(BrokenPipeError())).serve(S)
+    tell_notices("slave", {"insertion": notices}, refusing(BrokenPipeError()))
     assert notices.drain() == []
 
 

@@ -60,7 +60,6 @@ def test_a_bus_keeps_every_payload_in_and_out_but_what_is_too_long_for_its_topic
     put(b"x" * 60_000)
     assert rings.ring(STOPS).between(0, 10) == [(5, stop)]
     assert rings.ring(FORCES).between(0, 10) == [(9, encode(sample))]
-    assert rings.ring(STOPS).left_out == 1
     assert heard == [5]
     assert bus.malformed == {topics.EMERGENCY_STOP.name: 1}, "what is not kept is delivered all the same"
 
@@ -132,13 +131,12 @@ def test_a_record_has_the_two_seconds_before_and_what_came_after(recorder: Recor
     assert topics_found == {CYCLES, FORCES}
 
 
-def test_one_a_second_at_most_the_newest_are_kept_and_the_others_said(recorder: Recorder) -> None:
+def test_one_a_second_at_most_and_the_newest_are_kept(recorder: Recorder) -> None:
     for second in range(5):
         for _ in range(3):
             recorder.writer.ask("insertion", "estop", "again", recorder.now_ns + second * S)
     recorder.writer.close()
     assert recorder.noted_events().count("flight_record") == 5
-    assert sum(d["count"] for event, d in recorder.noted if event == "flight_skipped") == 10
     names = [details["file"] for event, details in recorder.noted if event == "flight_record"]
     assert [path.name for path in recorder.files()] == sorted(names)[-3:]
 

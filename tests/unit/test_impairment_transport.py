@@ -105,7 +105,6 @@ def test_a_long_trace_comes_in_chunks_and_an_undrained_one_loses_its_oldest() ->
     ]
     for _ in range(65_536 + 10):
         put(b"")
-    assert pair.impaired.trace_lost == 10
     assert pair.impaired.drain_trace()[0].first_index == 2510
 
 

@@ -11,23 +11,6 @@ from forefeel.common.transport.impairment import ReplayedImpairment
 from forefeel.common.transport.memory import MemoryBus
 
 
-def test_a_trace_that_nobody_drained_in_time_is_counted_among_the_states_counters() -> None:
-    runtime, network = VirtualRuntime(), MemoryBus()
-    transport = ImpairedTransport(
-        network.session(runtime.clock), runtime, runtime.clock, ReplayedImpairment([()]), None
-    )
-    bus = Bus(transport, "cell", "insertion", runtime.clock)
-    reports = Reports(bus, "slave", Lateness(), transport, runtime)
-    reports.impairment(0)
-    assert bus.counts() == {}
-    transport.subscribe("any/key", lambda payload, _: None)
-    put = network.session(runtime.clock).publisher("any/key", Qos.STREAM)
-    for _ in range(65_536 + 7):
-        put(b"")
-    reports.impairment(0)
-    assert bus.counts() == {"trace_lost": 7}
-
-
 @pytest.mark.parametrize(("when_ns", "last"), [(SECOND_NS, False), (SECOND_NS // 2, True)])
 def test_the_trace_of_the_first_second_is_published_at_its_end_or_at_that_of_the_daemon(
     when_ns: int, last: bool

@@ -37,7 +37,7 @@ def heard(receiver: socket.socket) -> list[str]:
             return found
 
 
-class Book:
+class Book(ServiceManager):
     """A manager that keeps what it is told."""
 
     def __init__(self, watchdog_ns: int | None) -> None:

@@ -1,7 +1,5 @@
 """Settings of the transport and of its impairment."""
 
-from pathlib import Path
-
 import pytest
 from pydantic import ValidationError
 
@@ -51,14 +49,6 @@ def test_a_client_connects_and_does_not_listen() -> None:
         TransportSettings(mode="client")
     with pytest.raises(ValidationError, match="none in listen"):
         TransportSettings(mode="client", connect=("tcp/a:1",), listen=("tcp/b:1",))
-
-
-def test_the_zenoh_file_counts_from_the_folder_of_the_settings() -> None:
-    settings = TransportSettings.model_validate(
-        {"zenoh_file": "a.json5"}, context={"directory": Path("/etc/x")}
-    )
-    assert settings.zenoh_file == Path("/etc/x/a.json5")
-    assert TransportSettings.model_validate({"zenoh_file": "a.json5"}).zenoh_file == Path.cwd() / "a.json5"
 
 
 FAR, NEAR = "tls/192.0.2.7:7447", "tls/127.0.0.1:7447"

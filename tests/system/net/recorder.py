@@ -15,11 +15,12 @@ from pathlib import Path
 
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_config import CONNECTING
 from forefeel.interrupt import heeded
 from forefeel.recorder import Recorder
 
 _POLL_S = 0.1
-_RETRY_S = 0.1
+_RETRY_MS = 100
 """A master opens no session so soon after it has begun to listen."""
 NICE = -15
 """Behind the daemons, ahead of all else: a witness that gets no processor for a second loses its link.
@@ -31,7 +32,8 @@ def onlooker(way: str, endpoint: str, pki: str) -> TransportSettings:
     if way == "client":
         return TransportSettings(mode="client", connect=(endpoint,), pki=Path(pki))
     if way == "connect":
-        return TransportSettings(connect=(endpoint,), retry_max_s=_RETRY_S, pki=Path(pki))
+        CONNECTING["connect/retry"] = {"period_init_ms": _RETRY_MS, "period_max_ms": _RETRY_MS}
+        return TransportSettings(connect=(endpoint,), pki=Path(pki))
     return TransportSettings(listen=(endpoint,), pki=Path(pki))
 
 
