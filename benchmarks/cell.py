@@ -33,9 +33,9 @@ import json, sys
 from pathlib import Path
 import numpy as np
 from forefeel.common.lateness import quantile_us
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import HAPTICS, MASTER_TIMING, SLAVE_TIMING
-run = read_run(Path(sys.argv[1]))
+run = Run(Path(sys.argv[1]))
 (axis,) = run.axes
 found = {}
 for role, topic in (("slave", SLAVE_TIMING), ("master", MASTER_TIMING)):

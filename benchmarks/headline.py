@@ -18,7 +18,7 @@ from benchmarks.links import command, listed, milliseconds, percent, ratio
 from benchmarks.markdown import Table
 from forefeel.common.config import checked
 from forefeel.common.errors import RunError
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.transport.settings import ImpairmentSettings
 from forefeel.loopback.plan import DEFAULT_DURATION_S, LoopbackOptions, make_plan
 from forefeel.loopback.real import run_real
@@ -70,7 +70,7 @@ def run_injected(loss: float, seconds: float, seed: int) -> RunReport:
     plan = replace(plan, slave=plan.slave | link, master=plan.master | link)
     with TemporaryDirectory(prefix="ff-") as folder:
         run_real(plan, Path(folder), bar(seconds), {}, None)
-        return summarise(read_run(Path(folder) / "recording.mcap"))
+        return summarise(Run(Path(folder) / "recording.mcap"))
 
 
 def run_over_packets(link: str, loss: float, seconds: float, seed: int) -> RunReport:

@@ -18,7 +18,7 @@ from pathlib import Path
 import yaml
 
 from forefeel.common.causes.model import SCHEMA
-from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.yaml_file import dump_mapping
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.extended import extended_model
@@ -100,7 +100,7 @@ def _run(options: LoopbackOptions, path: Path) -> Run:
     loop = VirtualLoopback(make_plan(options), options.seed)
     loop.run(lambda _done_s: None)
     loop.write(path)
-    return read_run(path)
+    return Run(path)
 
 
 def _mn(rms_n: float | None) -> float:

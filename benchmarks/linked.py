@@ -15,7 +15,7 @@ from typing import Any, Literal
 
 import yaml
 
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.transport.settings import ImpairmentSettings
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.report.model import RunReport
@@ -318,5 +318,5 @@ def link_run(
         after = daemons.cable.count()
         daemons.end()
         packets = {name: Counter(after[way]) - Counter(before[way]) for name, way in _WAYS.items()}
-        report = summarise(read_run(folder / "run.mcap"))
+        report = summarise(Run(folder / "run.mcap"))
         return LinkRun(open_s, report, packets, duration_s, daemons.congestion())

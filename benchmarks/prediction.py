@@ -35,7 +35,7 @@ from benchmarks.prediction_ablation import VARIANTS
 from benchmarks.prediction_peers import PEERS
 from forefeel.common.errors import InputError, RecordingError
 from forefeel.common.events.text import quantity
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
@@ -89,7 +89,7 @@ def demo(preset: str, seed: int, delay_s: float) -> tuple[Recording, str]:
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"{preset}.mcap"
         loop.write(path)
-        run = read_run(path)
+        run = Run(path)
         report = summarise(run)
         return run.to_recording(), f"{ratio(report.ratio)} / {ratio(report.settled.ratio)}"
 

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 
 from mcap.reader import make_reader
 
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import FORCE, HAPTICS
 
 _COLUMNS = (FORCE, "force_n"), (HAPTICS, "rendered_n")
@@ -73,7 +73,7 @@ def timed(words: list[str]) -> tuple[float, float]:
 
 def read(file: Path) -> None:
     """By this product."""
-    run = read_run(file)
+    run = Run(file)
     for topic, column in _COLUMNS:
         run.column(run.axes[0], topic, column)
 

@@ -7,7 +7,7 @@ from forefeel.common.bus import Bus
 from forefeel.common.errors import RecordingError
 from forefeel.common.lateness import EDGES_US, Lateness
 from forefeel.common.messages import ImpairmentTrace, LoopTiming
-from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.runtime.port import Runtime, Tick
 from forefeel.common.settings import LinkImpairment
 from forefeel.common.topics import BY_NAME, Role
@@ -30,7 +30,7 @@ def impaired(inner: Transport, settings: LinkImpairment, role: Role, runtime: Ru
     """
     first_seed = 4 * settings.seed + (2 if role == "slave" else 0)
     if settings.replay is not None:
-        run = read_run(settings.replay)
+        run = Run(settings.replay)
         inbound, outbound = _replayed(run, role, "inbound"), _replayed(run, role, "outbound")
         if inbound is None and outbound is None:
             raise RecordingError(

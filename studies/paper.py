@@ -32,7 +32,7 @@ from forefeel.common.estimation.identifiability import analyse
 from forefeel.common.estimation.predictor import Predictor
 from forefeel.common.estimation.state_filter import StateFilter
 from forefeel.common.events.text import quantity
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.topics import FORCE, HAPTICS
@@ -274,7 +274,7 @@ def bench_run(instrument: str, style: str, duration_s: float, seed: int) -> Comp
     with TemporaryDirectory(prefix="forefeel-") as folder:
         path = Path(folder) / "run.mcap"
         loop.write(path)
-        recorded = read_run(path)
+        recorded = Run(path)
     force, haptics = partial(recorded.column, AXIS, FORCE), partial(recorded.column, AXIS, HAPTICS)
     valid, answers = force("valid").astype(bool), force("answers_sequence").astype(np.float64)
     rows = np.flatnonzero(valid & np.isfinite(answers))

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
-from forefeel.common.causes.numerics import Array, intervals_s
+from forefeel.common.causes.numerics import Array
 
 if TYPE_CHECKING:
     from forefeel.common.causes.candidate import Candidate
@@ -135,21 +135,17 @@ class ForceEffect(Effect):
         Units: t, dt s; x m; v m/s; a m/s^2. `x, v, a` are the motion at the end of the step.
         """
 
-    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array | None = None) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         """phi_i of a whole recording, shape (n, linear parameters).
 
-        Args:
-            t, x, v, a: stamps in s and the motion at them, shape (n,).
-            dt: the interval before each stamp; by default the difference of the stamps, and 0 at the first.
+        t, x, v, a: stamps in s and the motion at them, shape (n,). dt: the interval before each stamp, see
+        `numerics.intervals_s`.
         """
-        return self._columns(t, x, v, a, intervals_s(t) if dt is None else dt)
-
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         fresh = type(self)(**self.values)
         rows = [fresh.regressors(*at) for at in zip(*(c.tolist() for c in (t, x, v, a, dt)), strict=True)]
         return np.array(rows, dtype=np.float64).reshape(len(t), len(self.linear_names))
 
-    def span(self, t: Array, x: Array, v: Array, a: Array, dt: Array | None = None) -> Array:
+    def span(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         """Columns whose combinations are all that the effect can be at its `shape_names`, shape (n, m).
 
         By default `columns`. An effect overrides it where nonlinear parameters become linear in other
@@ -189,13 +185,8 @@ class MotionEffect(Effect):
     def transform(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, float, float]:
         """(x, v, a) of the instrument after advancing the state by dt to time t."""
 
-    def path(
-        self, t: Array, x: Array, v: Array, a: Array, dt: Array | None = None
-    ) -> tuple[Array, Array, Array]:
+    def path(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> tuple[Array, Array, Array]:
         """(x, v, a) of the instrument over a whole recording, each shape (n,); see `columns`."""
-        return self._path(t, x, v, a, intervals_s(t) if dt is None else dt)
-
-    def _path(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> tuple[Array, Array, Array]:
         fresh = type(self)(**self.values)
         rows = [fresh.transform(*at) for at in zip(*(c.tolist() for c in (t, x, v, a, dt)), strict=True)]
         moved = np.array(rows, dtype=np.float64).reshape(len(t), 3)
@@ -241,11 +232,8 @@ class SensorEffect(Effect):
     def sense(self, t: float, force_n: float, dt: float) -> float:
         """The reading in N after advancing the state by dt to time t."""
 
-    def readings(self, t: Array, force_n: Array, dt: Array | None = None) -> Array:
+    def readings(self, t: Array, force_n: Array, dt: Array) -> Array:
         """The readings of a whole recording, shape (n,); see `ForceEffect.columns`."""
-        return self._readings(t, force_n, intervals_s(t) if dt is None else dt)
-
-    def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
         fresh = type(self)(**self.values)
         steps = zip(*(c.tolist() for c in (t, force_n, dt)), strict=True)
         return np.array([fresh.sense(*at) for at in steps], dtype=np.float64)

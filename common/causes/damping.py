@@ -39,7 +39,7 @@ class AsymmetricDamping(ForceEffect):
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         return (v, 0.0) if v > 0.0 else (0.0, v)
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         return np.stack((np.maximum(v, 0.0), np.minimum(v, 0.0))).T
 
 
@@ -63,7 +63,7 @@ class QuadraticDrag(ForceEffect):
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         return (v * abs(v),)
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         return (v * np.abs(v))[:, None]
 
 
@@ -90,5 +90,5 @@ class HuntCrossleyDamping(ForceEffect):
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         return (x * v if x > 0.0 else 0.0,)
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         return (np.maximum(x, 0.0) * v)[:, None]

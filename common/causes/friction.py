@@ -146,7 +146,7 @@ class CoulombFriction(_AlongDirection):
         s = self._after(v, dt)
         return (s, 0.0) if s > 0.0 else (0.0, s)
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         s = self._over(v, dt)
         return np.stack((np.maximum(s, 0.0), np.minimum(s, 0.0))).T
 
@@ -216,7 +216,7 @@ class StribeckFriction(_AlongDirection):
         static = s * exp(-share * share)
         return (s - static, static)
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         s, share = self._over(v, dt), v / self.values["stribeck_velocity_m_s"]
         static = s * np.exp(-share * share)
         return np.stack((s - static, static)).T
@@ -312,7 +312,7 @@ class PreslidingHysteresis(ForceEffect):
             self._u = (1.0 + self._u) * exp(self._per_metre * v * dt) - 1.0
         return (self._u,)
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         decay = np.exp(-self._per_metre * np.abs(v) * dt)
         return _saturating(np.sign(v), decay)[:, None]
 
@@ -362,5 +362,5 @@ class PositionDependentFriction(_AlongDirection):
         """(inserted length times direction,)."""
         return (max(x, 0.0) * self._after(v, dt),)
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         return (np.maximum(x, 0.0) * self._over(v, dt))[:, None]

@@ -16,7 +16,7 @@ import numpy as np
 from forefeel.common.causes.base import ForceEffect, Parameter
 from forefeel.common.causes.candidate import Extent, ForceColumns, Found, MotionGrid, Shape, Values
 from forefeel.common.causes.friction import BAND_M_S
-from forefeel.common.causes.numerics import Array
+from forefeel.common.causes.numerics import Array, intervals_s
 
 MOST_SHAPES = 3
 # points of the first grid along each axis, by the number of axes: what a search of a second or two affords
@@ -49,8 +49,8 @@ class GenericForce:
         """Its span over the motion, each stretch from rest."""
         if self.kind.site == "sensor":
             motion = replace(motion, touching=np.ones_like(motion.t))
-        effect, v = self.effect(shape), _without_noise(motion)
-        parts = [effect.span(motion.t[p], motion.x[p], v[p], motion.a[p]) for p in motion.pieces]
+        effect, v, m = self.effect(shape), _without_noise(motion), motion
+        parts = [effect.span(m.t[p], m.x[p], v[p], m.a[p], intervals_s(m.t[p])) for p in m.pieces]
         return [np.ascontiguousarray(column) for column in np.concatenate(parts).T]
 
     def effect(self, shape: Shape) -> ForceEffect:
@@ -65,7 +65,7 @@ class GenericForce:
         """Every combination of points between bounds that the recording can tell apart."""
         if not self.shapes:
             return [()]
-        looped = self.kind._columns is ForceEffect._columns
+        looped = self.kind.columns is ForceEffect.columns
         count = (_LOOPED_POINTS if looped else _POINTS)[len(self.shapes)]
         axes = [self._axis(p, extent, count) for p in self.shapes]
         return [tuple(map(float, point)) for point in product(*axes)]
@@ -85,7 +85,7 @@ class GenericForce:
         """Of the coefficients, where the bounds allow one sign only and coefficients are parameters."""
         middle = self.effect(tuple(2.0 if _logarithmic(p) else 1.5 for p in self.shapes))
         t = np.arange(3.0)
-        count = int(middle.span(t, t, t, t).shape[1])
+        count = int(middle.span(t, t, t, t, t).shape[1])
         if self.kind.span is not ForceEffect.span:
             return (0,) * count
         linear = [p for p in self.kind.parameters if p.linear]

@@ -56,7 +56,7 @@ class PeriodicForce(ForceEffect):
             wave += self._ratio3 * sin(3.0 * p + self._phase3)
         return (wave,)
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         p = self._omega * t + self._phase
         wave = np.sin(p)
         if self._ratio2:
@@ -65,7 +65,7 @@ class PeriodicForce(ForceEffect):
             wave += self._ratio3 * np.sin(3.0 * p + self._phase3)
         return wave[:, None]
 
-    def span(self, t: Array, x: Array, v: Array, a: Array, dt: Array | None = None) -> Array:
+    def span(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         """Sine and cosine of each harmonic at phase 0, shape (n, 6)."""
         return np.stack(_sines(self._omega * t)).T
 
@@ -190,5 +190,5 @@ class PositionMap(ForceEffect):
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         return tuple(float(each) for each in two_harmonics(np.asarray(x), self.values["period_m"]))
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         return np.stack(two_harmonics(x, self.values["period_m"])).T

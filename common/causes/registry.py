@@ -130,29 +130,18 @@ def _flaws(kind: type[Effect], name: str) -> Iterator[str]:
 
 
 def _try(kind: type[Effect]) -> None:
-    """A few steps at the defaults.
+    """A few steps at the defaults, beside a mass, a damper and a spring that it acts on.
 
     Raises:
         Exception: what the effect raises, or a ValueError on a result of the wrong shape.
     """
-    effect = kind()
-    for x, v, a in ((0.0, 0.0, 0.0), (0.01, 0.02, 0.5), (0.005, -0.02, -0.5)):
-        found: tuple[float | None, ...]
-        if isinstance(effect, ForceEffect):
-            found, count = effect.regressors(_TRIAL_STEP_S, x, v, a, _TRIAL_STEP_S), len(effect.linear_names)
-        elif isinstance(effect, MotionEffect):
-            found, count = effect.transform(_TRIAL_STEP_S, x, v, a, _TRIAL_STEP_S), 3
-        elif isinstance(effect, FactorEffect):
-            found, count = (effect.factor(x, v, v),), 1
-        elif isinstance(effect, SensorEffect):
-            found, count = (effect.sense(_TRIAL_STEP_S, x, _TRIAL_STEP_S),), 1
-        else:
-            assert isinstance(effect, ContactEffect)
-            depth = effect.penetration_m(x, v)
-            found, count = (() if depth is None else (depth,)), (0 if depth is None else 1)
-        if len(found) != count or not all(isinstance(f, int | float) and isfinite(f) for f in found):
-            raise ValueError(f"it gives {found!r}, expected {count} finite number(s)")
-    effect.reset()
+    runtime = ContactRuntime([(wall.MassDamperSpring(), None), (kind(), None)])
+    for x, v, a in ((0.01, 0.02, 0.5), (0.005, -0.02, -0.5), (0.0, 0.0, 0.0)):
+        phi = runtime.regressors(_TRIAL_STEP_S, x, v, a, _TRIAL_STEP_S)
+        found, count = (*phi, runtime.step(_TRIAL_STEP_S, x, v, a, _TRIAL_STEP_S)), len(runtime.linear_names)
+        if len(phi) != count or not all(map(isfinite, found)):
+            raise ValueError(f"{found} beside mass, damper, spring; expected {count} regressors and a force")
+    runtime.reset()
 
 
 def _line(error: BaseException) -> str:

@@ -38,7 +38,7 @@ class Bias(ForceEffect):
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         return (1.0,)
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         return np.ones((len(t), 1))
 
 
@@ -75,7 +75,7 @@ class SensorDrift(ForceEffect):
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         return (t,)
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         return t[:, None].copy()
 
 
@@ -111,7 +111,7 @@ class SensorLag(SensorEffect):
             self._lag.value, self._settled = force_n, True
         return self._lag.advance(force_n, dt)
 
-    def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
+    def readings(self, t: Array, force_n: Array, dt: Array) -> Array:
         return lagged(force_n, dt, self.values["time_constant_s"], float(force_n[0]) if len(force_n) else 0.0)
 
 
@@ -149,7 +149,7 @@ class TimeDelay(SensorEffect):
         end, after_n = past[1]
         return before_n + (after_n - before_n) * (then - start) / (end - start)
 
-    def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
+    def readings(self, t: Array, force_n: Array, dt: Array) -> Array:
         return np.interp(t - self.values["delay_s"], t, force_n) if len(t) else force_n
 
 
@@ -167,7 +167,7 @@ class SensorQuantisation(SensorEffect):
         """The nearest level in N."""
         return round(force_n / self.values["step_n"]) * self.values["step_n"]
 
-    def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
+    def readings(self, t: Array, force_n: Array, dt: Array) -> Array:
         return np.rint(force_n / self.values["step_n"]) * self.values["step_n"]
 
 
@@ -185,7 +185,7 @@ class SensorSaturation(SensorEffect):
         """The force in N, at most the limit in magnitude."""
         return max(-self.values["limit_n"], min(self.values["limit_n"], force_n))
 
-    def _readings(self, t: Array, force_n: Array, dt: Array) -> Array:
+    def readings(self, t: Array, force_n: Array, dt: Array) -> Array:
         return np.clip(force_n, -self.values["limit_n"], self.values["limit_n"])
 
 

@@ -21,13 +21,14 @@ from forefeel.common.causes.candidate import (
     entry,
     log_grid,
 )
-from forefeel.common.causes.numerics import Array, lazy_kernel
+from forefeel.common.causes.numerics import Array, intervals_s, lazy_kernel
 from forefeel.common.causes.wall import MassDamperSpring
 
 
 def behind(motion: MotionGrid, effect: MotionEffect) -> MotionGrid:
     """The instrument's motion behind an effect, which begins anew in each piece."""
-    parts = [effect.path(motion.t[p], motion.x[p], motion.v[p], motion.a[p]) for p in motion.pieces]
+    m, pieces = motion, motion.pieces
+    parts = [effect.path(m.t[p], m.x[p], m.v[p], m.a[p], intervals_s(m.t[p])) for p in pieces]
     x, v, a = (np.concatenate(column) for column in zip(*parts, strict=True))
     return replace(motion, x=x, v=v, a=a)
 
@@ -76,7 +77,7 @@ class Backlash(MotionEffect):
         self._y = y
         return y, v, a
 
-    def _path(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> tuple[Array, Array, Array]:
+    def path(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> tuple[Array, Array, Array]:
         if self._half == 0.0:
             return x, v, a
         y, carried = _play(x, self._half)
@@ -187,9 +188,9 @@ class Play(Backlash):
         rate = away / self._settling_s if away else 0.0
         return self._y, -rate, rate / self._settling_s if away else 0.0
 
-    def _path(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> tuple[Array, Array, Array]:
+    def path(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> tuple[Array, Array, Array]:
         if self._settling_s >= HELD_S or self._half == 0.0:
-            return super()._path(t, x, v, a, dt)
+            return super().path(t, x, v, a, dt)
         decay = np.exp(-dt / self._settling_s) if self._settling_s > 0.0 else np.zeros_like(dt)
         y, carried = _loose_play(x, self._half, self._rest, decay)
         rate = (y - self._rest) / self._settling_s if self._settling_s > 0.0 else np.zeros_like(y)

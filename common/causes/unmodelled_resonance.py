@@ -124,7 +124,7 @@ class UnmodelledResonance(ForceEffect):
         self._zz, self._zw = e * (c + self._decay * s), e * s
         self._wz, self._ww = -e * self._omega * self._omega * s, e * (c - self._decay * s)
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         e, swing = np.exp(-self._decay * dt), self._swing * dt
         return _swinging(
             a, e * np.cos(swing), e * np.sin(swing) / self._swing, self._decay, self._omega * self._omega

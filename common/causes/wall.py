@@ -42,12 +42,18 @@ class MassDamperSpring(ForceEffect):
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         return (a, v, x)
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         return np.stack((a, v, x)).T
 
 
 _MOST = 50.0
 """Lengths beyond which the force stays: far outside of any tissue, and of no overflow."""
+
+
+def _exponential(depth: Array) -> Array:
+    """exp(u) - 1 - u."""
+    u = np.clip(depth, -_MOST, _MOST)
+    return np.asarray(np.expm1(u) - u)
 
 
 class ExponentialWall(ForceEffect):
@@ -72,9 +78,8 @@ class ExponentialWall(ForceEffect):
         depth = max(min(x / self.values["length_m"], _MOST), -_MOST)
         return (expm1(depth) - depth,)
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        depth = np.clip(x / self.values["length_m"], -_MOST, _MOST)
-        return (np.expm1(depth) - depth)[:, None]
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+        return _exponential(x / self.values["length_m"])[:, None]
 
 
 def _series(found: Found) -> Values:
@@ -109,7 +114,7 @@ class Stiffening(ForceEffect):
         ),
         ForceColumns(
             form="exponential", signs=(1,), at_wall=True, naming=_series,
-            columns=lambda m, shape: [ExponentialWall(length_m=shape[0]).columns(m.t, m.x, m.v, m.a)[:, 0]],
+            columns=lambda m, shape: [_exponential(m.x / shape[0])],
             grid=lambda extent: log_grid(0.12 * extent.reach_m, 1.5 * extent.reach_m, 6),
             sizes=("exponential_n",), picture="position",
             making=lambda found: [entry(ExponentialWall, _series(found))],
@@ -120,7 +125,7 @@ class Stiffening(ForceEffect):
         square = x * x
         return (square, square * x)
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         square = x * x
         return np.stack((square, square * x)).T
 
@@ -210,7 +215,7 @@ class StressRelaxation(ForceEffect):
         """(elongation of the branch's spring in m,)."""
         return (self._elongation.advance(self._tau * v, dt),)
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         return lagged(self._tau * v, dt, self._tau)[:, None]
 
 
@@ -282,10 +287,10 @@ class StiffnessChange(ForceEffect):
         """((ratio - 1) (x - x0) from time_s on,)."""
         return (self._more * (x - self._rest_m) if t >= self._time_s else 0.0,)
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         return np.where(t >= self._time_s, self._more * (x - self._rest_m), 0.0)[:, None]
 
-    def span(self, t: Array, x: Array, v: Array, a: Array, dt: Array | None = None) -> Array:
+    def span(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         """(x, 1) from time_s on, shape (n, 2)."""
         after = t >= self._time_s
         return np.stack((np.where(after, x, 0.0), after.astype(np.float64))).T

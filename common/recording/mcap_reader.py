@@ -37,20 +37,52 @@ class Stream:
     payloads: list[bytes] = field(default_factory=list)
 
 
-@dataclass(slots=True)
-class Contents:
-    """What a run's file holds, the messages still as bytes, by (axis, topic name).
+class Run:
+    """One run: cell, axes, the messages of each topic in the order of their arrival, metadata.
 
-    `cell` is None without a message. `truncated`: the writer was killed, the file ends with a whole chunk.
+    Messages are decoded and validated when they are asked for; columns are kept after that. An axis that the
+    run does not have raises RecordingError; a topic of which nothing was recorded is empty.
+
+    Attributes:
+        cell: None without a message.
+        truncated: the writer was killed: the run ends where the last whole chunk does.
+        metadata: tables by name.
+
+    Raises:
+        RecordingError: unreadable, not MCAP, damaged, or of several cells.
     """
 
-    path: Path
-    truncated: bool = True
-    cell: str | None = None
-    streams: dict[tuple[str, str], Stream] = field(default_factory=dict)
-    metadata: dict[str, Mapping[str, str]] = field(default_factory=dict)
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.cell: str | None = None
+        self.metadata: dict[str, Mapping[str, str]] = {}
+        self._streams: dict[tuple[str, str], Stream] = {}
+        self._columns: dict[tuple[str, str], Columns] = {}
+        with opened(path) as file:
+            records = RecordReader(file, path)
+            self._read(records)
+        self.truncated = records.truncated
+        self.axes: tuple[str, ...] = tuple(sorted({axis for axis, _ in self._streams}))
 
-    def stream_of(self, channel: Channel) -> Stream:
+    def _read(self, records: RecordReader) -> None:
+        channels, count = dict[int, Stream](), 0
+        for record in records:
+            if isinstance(record, MessageRecord):
+                if (stream := channels.get(record.channel_id)) is None:
+                    number = record.channel_id
+                    raise RecordingError(f"{self.path}: damaged, channel {number} is used but not declared")
+                stream.log_ns.append(record.log_time)
+                stream.payloads.append(record.data)
+                count += 1
+            elif isinstance(record, Channel):
+                channels[record.id] = self._stream_of(record)
+            elif isinstance(record, Metadata):
+                self.metadata[record.name] = record.metadata
+            elif isinstance(record, Statistics) and record.message_count != count:
+                counts = f"it holds {count} messages, its statistics say {record.message_count}"
+                raise RecordingError(f"{self.path}: damaged, {counts}")
+
+    def _stream_of(self, channel: Channel) -> Stream:
         """The stream that takes the messages of a channel; one that nobody reads for a foreign channel."""
         ours = parse_key(channel.topic)
         if ours is None or channel.message_encoding != "json":
@@ -59,61 +91,14 @@ class Contents:
         if self.cell not in (None, cell):
             raise RecordingError(f"{self.path}: cells {self.cell!r} and {cell!r}, expected one cell")
         self.cell = cell
-        return self.streams.setdefault((axis, topic.name), Stream())
-
-
-def read_contents(path: Path) -> Contents:
-    """The contents of an MCAP file; of a killed writer's file, what is whole.
-
-    Raises:
-        RecordingError: unreadable, not MCAP, damaged, or of several cells.
-    """
-    contents, channels, count = Contents(path), dict[int, Stream](), 0
-    with opened(path) as file:
-        records = RecordReader(file, path)
-        for record in records:
-            if isinstance(record, MessageRecord):
-                if (stream := channels.get(record.channel_id)) is None:
-                    number = record.channel_id
-                    raise RecordingError(f"{path}: damaged, channel {number} is used but not declared")
-                stream.log_ns.append(record.log_time)
-                stream.payloads.append(record.data)
-                count += 1
-            elif isinstance(record, Channel):
-                channels[record.id] = contents.stream_of(record)
-            elif isinstance(record, Metadata):
-                contents.metadata[record.name] = record.metadata
-            elif isinstance(record, Statistics) and record.message_count != count:
-                counts = f"it holds {count} messages, its statistics say {record.message_count}"
-                raise RecordingError(f"{path}: damaged, {counts}")
-    contents.truncated = records.truncated
-    return contents
-
-
-class Run:
-    """One run: cell, axes, the messages of each topic in the order of their arrival, metadata.
-
-    Messages are decoded and validated when they are asked for; columns are kept after that. An axis that the
-    run does not have raises RecordingError; a topic of which nothing was recorded is empty.
-    """
-
-    def __init__(self, contents: Contents) -> None:
-        self.path = contents.path
-        self.truncated = contents.truncated
-        """The writer was killed: the run ends where the last whole chunk does."""
-        self.cell = contents.cell
-        """None when nothing was recorded."""
-        self.axes: tuple[str, ...] = tuple(sorted({axis for axis, _ in contents.streams}))
-        self.metadata: Mapping[str, Mapping[str, str]] = contents.metadata
-        self._streams = contents.streams
-        self._columns: dict[tuple[str, str], Columns] = {}
+        return self._streams.setdefault((axis, topic.name), Stream())
 
     def count(self, axis: str, topic: Topic[Any]) -> int:
-        return len(self._stream(axis, topic).payloads)
+        return len(self.stream(axis, topic).payloads)
 
     def log_ns(self, axis: str, topic: Topic[Any]) -> NDArray[np.int64]:
         """When each message was received, by the monotonic clock of the recording host."""
-        return np.array(self._stream(axis, topic).log_ns, dtype=np.int64)
+        return np.array(self.stream(axis, topic).log_ns, dtype=np.int64)
 
     def messages(self, axis: str, topic: Topic[M]) -> Iterator[M]:
         """The messages in the order of their arrival, decoded as they are consumed.
@@ -184,25 +169,16 @@ class Run:
             raise RecordingError(f"{self.path}: holds {found}, expected one axis to be named")
         return self.axes[0]
 
-    def _stream(self, axis: str, topic: Topic[Any]) -> Stream:
+    def stream(self, axis: str, topic: Topic[Any]) -> Stream:
         if axis not in self.axes:
             raise RecordingError(f"{self.path}: no axis {axis!r}, it holds {', '.join(self.axes) or 'none'}")
         return self._streams.get((axis, topic.name), Stream())
 
     def _blocks(self, axis: str, topic: Topic[M]) -> Iterator[list[M]]:
-        payloads = self._stream(axis, topic).payloads
+        payloads = self.stream(axis, topic).payloads
         where = f"{self.path}: axis {axis}, {topic.name}"
         for first in range(0, len(payloads), _BLOCK_MESSAGES):
             yield _decoded(topic.message, payloads[first : first + _BLOCK_MESSAGES], first, where)
-
-
-def read_run(path: Path) -> Run:
-    """The run in an MCAP file; of a killed writer's file, what is whole.
-
-    Raises:
-        RecordingError: unreadable, not MCAP, damaged, or of several cells.
-    """
-    return Run(read_contents(path))
 
 
 def _decoded(kind: type[M], payloads: list[bytes], first: int, where: str) -> list[M]:

@@ -10,7 +10,7 @@ from forefeel.common.events.console import printable
 from forefeel.common.events.text import quantity
 from forefeel.common.limiter import MOTION_RULES
 from forefeel.common.messages import Grip, SafetyState
-from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import SLAVE_STATE
 from forefeel.dashboard.vessel import friction, of_recording
 from forefeel.files import fresh_folder, write_all
@@ -72,7 +72,7 @@ def write_report(run_path: Path, out_dir: Path) -> RunReport:
         RecordingError: the recording can not be read.
         RunError: the files can not be written.
     """
-    report, pages = make_pages(read_run(run_path))
+    report, pages = make_pages(Run(run_path))
     write_all(out_dir, pages, [])
     return report
 
@@ -87,7 +87,7 @@ def run_report(recording: Path, out: Path, overwrite: bool) -> RunReport:
     with ends_in_order("report", out) as written:
         with stages("report") as tell:
             tell("reading the recording")
-            report, pages = make_pages(read_run(recording))
+            report, pages = make_pages(Run(recording))
         fresh_folder(out, FILES, "an earlier report", overwrite)
         write_all(out, pages, written)
     answer(*ten_lines(report, out), document=report.to_json)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from forefeel.common.causes.model import ContactModel, at_conversion
+from forefeel.common.causes.numerics import intervals_s
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.recording import Array
@@ -124,7 +125,7 @@ def simulate(
     position_m, force_n = integrate(continuous, pieces, lambda now_s: shown((now_s - stamps_s[0]) / span_s))
     force_n = force_n + random.normal(0.0, options.noise_n, len(stamps_s))
     for effect in converts:
-        force_n = effect.readings(stamps_s - stamps_s[0], force_n)
+        force_n = effect.readings(stamps_s - stamps_s[0], force_n, intervals_s(stamps_s))
     if step_m := options.encoder_step_m:
         position_m = np.rint(position_m / step_m) * step_m
     return {"time_s": stamps_s, "position_m": position_m, "force_n": force_n}

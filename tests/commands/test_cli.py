@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from forefeel.cli import app
 from forefeel.common.config import dump_yaml
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import FORCE
 from forefeel.daemon_settings import load_any, load_daemon
 from tests.commands.command_line import COMMANDS, ROOT, group
@@ -53,7 +53,7 @@ def test_config_check_prints_settings_that_load_again(
     assert run(["config", "check", str(effective)]) == 0
     assert capsys.readouterr().out == effective.read_text()
     defaults = yaml.safe_load(effective.read_text())
-    assert defaults["state"]["flight_records"] == 20  # not in the file: a default
+    assert defaults["transport"]["connections"] is None  # not in the file: a default
 
 
 def test_config_check_of_a_file_that_names_others_loads_again_from_elsewhere(
@@ -151,6 +151,6 @@ def test_interrupted_virtual_run_leaves_what_was_recorded(
     out = tmp_path / "out"
     assert run(f"loopback --virtual-time --duration 100 --out {out}".split()) == 1
     assert [path.name for path in out.iterdir()] == ["recording.mcap"]
-    recorded = read_run(out / "recording.mcap")
+    recorded = Run(out / "recording.mcap")
     assert not recorded.truncated
     assert recorded.count("insertion", FORCE) > 900

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import FORCE, HAPTICS, RECORDED, SAFETY_EVENT, SLAVE_IMPAIRMENT
 from forefeel.common.transport.settings import PRESETS
 from tests.live_cell import Process, check_stops
@@ -20,7 +20,7 @@ def recorded(path: Path) -> Run | None:
     """As far as it was flushed, once a second."""
     if not path.exists() or path.stat().st_size == 0:
         return None
-    run = read_run(path)
+    run = Run(path)
     return run if AXIS in run.axes else None
 
 
@@ -61,7 +61,7 @@ def interrupted_run(folder: Path, complete: Callable[[Run], bool], *words: str) 
     finally:
         loopback.kill()
     assert "stage at rest" in (out / "slave.log").read_text()
-    run = read_run(out / "recording.mcap")
+    run = Run(out / "recording.mcap")
     assert not run.truncated
     check_stops(list(run.messages(AXIS, SAFETY_EVENT)))
     return run

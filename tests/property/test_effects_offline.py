@@ -17,6 +17,7 @@ from forefeel.common.causes.base import (
     SensorEffect,
 )
 from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.numerics import intervals_s
 from forefeel.common.causes.registry import OWN
 
 Array = NDArray[np.float64]
@@ -54,7 +55,7 @@ def random_effect(kind: type[Effect], seed: int) -> Effect:
 
 
 def stepwise(effect: Effect, t: Array, x: Array, v: Array, a: Array) -> Array:
-    steps = np.stack((t, x, v, a, np.diff(t, prepend=t[0])), axis=1).tolist()
+    steps = np.stack((t, x, v, a, intervals_s(t)), axis=1).tolist()
     if isinstance(effect, ForceEffect):
         return np.array([effect.regressors(*at) for at in steps])
     if isinstance(effect, MotionEffect):
@@ -70,15 +71,15 @@ def stepwise(effect: Effect, t: Array, x: Array, v: Array, a: Array) -> Array:
 
 def whole(effect: Effect, t: Array, x: Array, v: Array, a: Array) -> Array:
     if isinstance(effect, ForceEffect):
-        return effect.columns(t, x, v, a)
+        return effect.columns(t, x, v, a, intervals_s(t))
     if isinstance(effect, MotionEffect):
-        return np.stack(effect.path(t, x, v, a), axis=1)
+        return np.stack(effect.path(t, x, v, a, intervals_s(t)), axis=1)
     if isinstance(effect, ContactEffect):
         return effect.penetrations_m(x, v)[:, None]
     if isinstance(effect, FactorEffect):
         return effect.factors(x, v, a)[:, None]
     assert isinstance(effect, SensorEffect)
-    return effect.readings(t, x)[:, None]
+    return effect.readings(t, x, intervals_s(t))[:, None]
 
 
 @pytest.mark.parametrize("name", sorted(OWN))
@@ -122,7 +123,8 @@ FORCES = sorted(name for name, kind in OWN.items() if issubclass(kind, ForceEffe
 @quick
 @given(seeds)
 def test_the_span_holds_the_effect_and_leads_back_to_it(name: str, seed: int) -> None:
-    effect, motion = random_effect(OWN[name], seed), random_motion(seed)
+    effect, (t, *moved) = random_effect(OWN[name], seed), random_motion(seed)
+    motion = (t, *moved, intervals_s(t))
     assert isinstance(effect, ForceEffect)
     force_n = effect.columns(*motion) @ np.array(effect.linear_values)
     span = effect.span(*motion)

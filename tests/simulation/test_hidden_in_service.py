@@ -16,7 +16,7 @@ import yaml
 
 from forefeel.__main__ import main
 from forefeel.common.causes.model import SCHEMA
-from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import FORCE
 from forefeel.common.yaml_file import dump_mapping
 from forefeel.diagnosis.diagnose import diagnose
@@ -52,7 +52,7 @@ def run_of(path: Path, **options: Any) -> Run:  # noqa: ANN401 - the fields of L
     )
     loop.run(lambda _done_s: None)
     loop.write(path)
-    return read_run(path)
+    return Run(path)
 
 
 def live_rms_n(run: Run) -> float:
@@ -138,7 +138,7 @@ def test_an_effect_is_switched_on_during_the_run_and_changes_nothing_before(tmp_
         loop.run(lambda _done_s: None)
         path = tmp_path / f"{len(forces)}.mcap"
         loop.write(path)
-        forces.append(read_run(path).column("insertion", FORCE, "force_n"))
+        forces.append(Run(path).column("insertion", FORCE, "force_n"))
     count = min(map(len, forces))
     differs = np.abs(forces[1][:count] - forces[0][:count])
     switched = np.flatnonzero(differs > 1e-9)[0]

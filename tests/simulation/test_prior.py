@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from forefeel.common.prior_file import load_prior
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.model import RunReport
@@ -18,7 +18,7 @@ def run(folder: Path, seed: int) -> RunReport:
     loop.run(lambda _done_s: None)
     path = folder / f"{seed}.mcap"
     loop.write(path)
-    return summarise(read_run(path))
+    return summarise(Run(path))
 
 
 def test_second_run_starts_from_the_first_and_predicts_from_the_first_stroke_on(tmp_path: Path) -> None:

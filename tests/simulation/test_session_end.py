@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.topics import parse_key
 from forefeel.report.model import RunReport
@@ -26,7 +26,7 @@ def reported(pair: Pair, path: Path) -> RunReport:
             parsed = parse_key(key)
             if parsed is not None and parsed[2].recorded:
                 writer.write(key, payload, stamp_ns)
-    return summarise(read_run(path))
+    return summarise(Run(path))
 
 
 def end_master(pair: Pair) -> None:

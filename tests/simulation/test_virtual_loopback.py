@@ -11,7 +11,7 @@ import yaml
 
 from forefeel.common.codec import Codec
 from forefeel.common.config import deep_merge
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
@@ -123,7 +123,7 @@ def test_report_scores_prediction_and_felt_force(tmp_path: Path) -> None:
     assert report.settled.commands > 1500 and (report.settled.ratio or 9.0) < 0.6
     assert report.transparency is not None and (report.transparency.ratio or 9.0) < 0.9
     assert "twin of the simulated world" in (tmp_path / "report.html").read_text()
-    run = read_run(tmp_path / "run.mcap")
+    run = Run(tmp_path / "run.mcap")
     commands = axis_traces(run, "insertion").commands
     measured = run_transparency(run, "insertion", replace(commands, rendered_n=commands.force_n))
     assert measured is not None and (measured.felt.rms_n or 9.0) < 0.008  # 2 mN of noise, and the jitter
@@ -259,7 +259,7 @@ def test_a_recorded_impairment_is_replayed_message_by_message(tmp_path: Path) ->
     replay = {"impairment": {"replay": str(tmp_path / "run.mcap")}}
     again = replace(plan, slave={**plan.slave, **replay}, master={**plan.master, **replay})
     repeated = run_plan(again, 3)
-    run = read_run(tmp_path / "run.mcap")
+    run = Run(tmp_path / "run.mcap")
     trace = run.impairment_trace("slave/impairment", "inbound")
     assert len(trace) > 1500
     assert len({delays for delays in trace if delays}) > 1000

@@ -14,7 +14,7 @@ from forefeel.common.clock import VirtualClock
 from forefeel.common.codec import encode
 from forefeel.common.flight import Rings, Row
 from forefeel.common.messages import EmergencyStop, Grip, SafetyState
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.state.flight_writer import FlightWriter
 from forefeel.common.transport.memory import MemoryBus
 from tests.stepped import SteppedWorker
@@ -118,7 +118,7 @@ def test_a_record_has_the_two_seconds_before_and_what_came_after(recorder: Recor
     recorder.clock.set_ns(recorder.now_ns + S // 2)
     recorder.writer.write(closing=False)
     (path,) = recorder.files()
-    run = read_run(path)
+    run = Run(path)
     assert not run.truncated
     stamps = run.column("insertion", topics.CONTROL_CYCLE, "stamp_ns")
     assert (stamps[0], stamps[-1]) == (recorder.now_ns - 2 * S, recorder.now_ns + S // 2)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from forefeel.common.errors import RecordingError
 from forefeel.common.messages import EmergencyStop
-from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.topics import EMERGENCY_STOP
 from tests.unit.recording_samples import AXIS, force, header, put, write_forces
@@ -47,7 +47,7 @@ def test_every_prefix_of_a_run_reads_a_prefix_of_its_messages(tmp_path: Path) ->
     longest = len(messages)
     for size in range(path.stat().st_size - 1, 7, -1):
         os.truncate(path, size)
-        run = read_run(path)
+        run = Run(path)
         found = stops(run)
         assert run.truncated
         assert found == messages[: len(found)]
@@ -57,7 +57,7 @@ def test_every_prefix_of_a_run_reads_a_prefix_of_its_messages(tmp_path: Path) ->
     for size in range(7, -1, -1):
         os.truncate(path, size)
         with pytest.raises(RecordingError, match=r"run\.mcap: (empty file|does not start as an MCAP file)"):
-            read_run(path)
+            Run(path)
 
 
 def test_zeros_that_a_loss_of_power_leaves_are_the_end(tmp_path: Path) -> None:
@@ -65,7 +65,7 @@ def test_zeros_that_a_loss_of_power_leaves_are_the_end(tmp_path: Path) -> None:
     size = min(flushed)
     whole = (tmp_path / "run.mcap").read_bytes()
     (tmp_path / "run.mcap").write_bytes(whole[:size] + bytes(4096))
-    run = read_run(tmp_path / "run.mcap")
+    run = Run(tmp_path / "run.mcap")
     assert run.truncated
     assert stops(run) == messages[: flushed[size]]
 
@@ -77,7 +77,7 @@ def test_no_damaged_byte_changes_a_message_or_raises_anything_else(tmp_path: Pat
     for place, byte in enumerate(path.read_bytes()):
         overwrite(path, place, byte ^ flip)
         try:
-            run = read_run(path)
+            run = Run(path)
             found = stops(run)
         except RecordingError as error:
             assert "\n" not in str(error)
@@ -93,7 +93,7 @@ def test_any_bytes_behind_the_magic_are_a_run_or_one_line(tmp_path: Path, conten
     path = tmp_path / "run.mcap"
     path.write_bytes(b"\x89MCAP0\r\n" + content)
     try:
-        assert read_run(path).axes == ()
+        assert Run(path).axes == ()
     except RecordingError as error:
         assert str(error).startswith(f"{path}: ")
         assert "\n" not in str(error)
@@ -105,6 +105,6 @@ def test_a_damaged_chunk_is_named_by_its_place(tmp_path: Path) -> None:
     content = path.read_bytes()
     path.write_bytes(content.replace(b'"raw_counts":1', b'"raw_counts":7', 1))
     with pytest.raises(RecordingError) as caught:
-        read_run(path)
+        Run(path)
     chunk = content.index(b"\x06", 8)
     assert f"damaged at byte {chunk} (crc" in str(caught.value)

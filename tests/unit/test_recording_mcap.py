@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, Writer
 from forefeel.common.codec import encode
 from forefeel.common.errors import RecordingError, RunError
 from forefeel.common.messages import ImpairmentTrace, SafetyEvent, SafetyState
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.recording.units import Mapping
@@ -44,7 +44,7 @@ def test_messages_come_back_as_they_were(tmp_path: Path) -> None:
         for setpoint in commands:
             put(writer, setpoint, COMMAND, axis="rotation")
         put(writer, event, SAFETY_EVENT)
-    run = read_run(tmp_path / "run.mcap")
+    run = Run(tmp_path / "run.mcap")
     assert (run.cell, run.axes, run.truncated, writer.malformed) == (CELL, (AXIS, "rotation"), False, 0)
     assert list(run.messages(AXIS, FORCE)) == forces
     assert list(run.messages("rotation", COMMAND)) == commands
@@ -58,7 +58,7 @@ def test_columns_have_the_type_of_their_field_and_none_is_nan(tmp_path: Path) ->
     samples = [force(i, clock_offset_ns=None if i == 5000 else i, valid=i != 1) for i in range(5001)]
     samples[0] = samples[0].model_copy(update={"stamp_ns": 2**62 + 1})
     write_forces(tmp_path / "run.mcap", samples)
-    run = read_run(tmp_path / "run.mcap")
+    run = Run(tmp_path / "run.mcap")
     stamp_ns, offset_ns = run.column(AXIS, FORCE, "stamp_ns"), run.column(AXIS, FORCE, "clock_offset_ns")
     assert (stamp_ns.dtype.name, stamp_ns[0]) == ("int64", 2**62 + 1)
     assert (offset_ns.dtype.name, offset_ns[4999]) == ("float64", 4999.0)
@@ -73,7 +73,7 @@ def test_run_metadata_is_read_back(tmp_path: Path) -> None:
     with RunWriter(tmp_path / "run.mcap") as writer:
         writer.add_metadata("versions", {"forefeel": "0.1.0", "größe": "µm"})
         put(writer, force(0))
-    run = read_run(tmp_path / "run.mcap")
+    run = Run(tmp_path / "run.mcap")
     assert run.metadata == {"versions": {"forefeel": "0.1.0", "größe": "µm"}}
     assert run.count(AXIS, FORCE) == 1
 
@@ -85,7 +85,7 @@ def test_payloads_that_are_no_message_are_counted_and_not_written(tmp_path: Path
         for payload in [good, *wrong, good]:
             writer.write(FORCE.key(CELL, AXIS), payload, START_NS)
     assert writer.malformed == len(wrong)
-    assert read_run(tmp_path / "run.mcap").count(AXIS, FORCE) == 2
+    assert Run(tmp_path / "run.mcap").count(AXIS, FORCE) == 2
 
 
 def test_the_file_says_what_the_mcap_specification_asks_for(tmp_path: Path) -> None:
@@ -122,7 +122,7 @@ def test_a_run_that_another_program_wrote_again_is_read(
             data = payload.model_dump_json().encode() if payload else b"\x00"
             writer.add_message(writer.register_channel(key, "json", 0), 1, data, 1)
         writer.finish()  # type: ignore[no-untyped-call]
-    run = read_run(tmp_path / "run.mcap")
+    run = Run(tmp_path / "run.mcap")
     assert list(run.messages(AXIS, FORCE)) == [force(0), force(1)]
     assert run.axes == (AXIS,)
 
@@ -145,7 +145,7 @@ def test_a_message_that_is_not_of_its_topic_is_named(tmp_path: Path) -> None:
                 writer.add_message(channel, 1, data, 1)
             writer.finish()  # type: ignore[no-untyped-call]
         with pytest.raises(RecordingError) as caught:
-            read_run(path).column(AXIS, FORCE, "force_n")
+            Run(path).column(AXIS, FORCE, "force_n")
         where = f"{path}: axis {AXIS}, slave/force, message 5000: "
         assert str(caught.value).startswith(where + reason)
 
@@ -187,7 +187,7 @@ def test_an_impairment_trace_is_put_together_or_refused(tmp_path: Path) -> None:
     with RunWriter(path) as writer:
         for part in parts:
             put(writer, part, MASTER_IMPAIRMENT)
-    run = read_run(path)
+    run = Run(path)
     assert run.impairment_trace("master/impairment", "inbound") == ((3,), (), (5, 6))
     assert run.impairment_trace("master/impairment", "outbound") == ((9,),)
     assert run.impairment_trace("slave/impairment", "inbound") == ()
@@ -195,7 +195,7 @@ def test_an_impairment_trace_is_put_together_or_refused(tmp_path: Path) -> None:
     with RunWriter(path) as writer:
         put(writer, parts[0], MASTER_IMPAIRMENT)
     with pytest.raises(RecordingError, match="master/impairment of inbound: index 2 follows -1"):
-        read_run(path).impairment_trace("master/impairment", "inbound")
+        Run(path).impairment_trace("master/impairment", "inbound")
 
 
 def test_two_cells_are_no_run(tmp_path: Path) -> None:
@@ -204,7 +204,7 @@ def test_two_cells_are_no_run(tmp_path: Path) -> None:
         for cell in ("a", "b"):
             writer.write(FORCE.key(cell, AXIS), encode(force(0)), START_NS)
     with pytest.raises(RecordingError, match="cells 'a' and 'b'"):
-        read_run(path)
+        Run(path)
 
 
 def test_a_measurement_is_never_overwritten(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from forefeel.common.errors import RunError
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.loopback.outcome import amber_line, require_armed
 from forefeel.report.model import LoopFigures, Loops, RunReport
@@ -20,11 +20,11 @@ from tests.unit.report_run import SESSION, RunBuilder, S, recorded, write_known_
 def report(tmp_path_factory: pytest.TempPathFactory) -> RunReport:
     path = tmp_path_factory.mktemp("run") / "recording.mcap"
     write_known_run(path)
-    return summarise(read_run(path))
+    return summarise(Run(path))
 
 
 def _summary(path: Path) -> RunReport:
-    return summarise(read_run(path))
+    return summarise(Run(path))
 
 
 def test_scores_are_exact(report: RunReport) -> None:

@@ -29,7 +29,7 @@ class Cogging(ForceEffect):
         turn = self._per_metre * x
         return (sin(turn), cos(turn))
 
-    def _columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         # may be left out: the same over a whole recording, so that a diagnosis need not loop in Python
         turn = self._per_metre * x
         return np.stack((np.sin(turn), np.cos(turn))).T

@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 
 from forefeel.common.messages import SafetyState
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import CONTROL_CYCLE, HAPTICS
 from tests.event_lines import Event, read_events
 from tests.system.faults import required
@@ -116,7 +116,7 @@ def _check_flights(folder: Path, due: Sequence[str], stood: Set[str], found: Fou
         if role in due and not files:
             found.failures.append(f"no flight record of the {role}")
         for path in files:
-            run = read_run(path)
+            run = Run(path)
             wrong = ["truncated"] if run.truncated else []
             ticks = run.count(AXIS, CONTROL_CYCLE if role == "slave" else HAPTICS)
             if ticks < (1 if role in stood else required.FLOWN):

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import FORCE
 from tests.system.faults import required
 from tests.system.faults.logged import Expected, logged
@@ -288,7 +288,7 @@ def _recordings(row: Row, found: Evidence, at_s: float, struck: Path, bound_s: f
         return "truncated"
     if bound_s is None:
         return "whole"
-    run = read_run(struck)
+    run = Run(struck)
     lost_s = max(0.0, at_s - float(run.log_ns(AXIS, FORCE)[-1]) * 1e-9)
     if lost_s > bound_s:
         row.failures.append(f"{lost_s:.1f} s lost, required {bound_s} s")

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from forefeel.common.events.sink import SAFETY
 from forefeel.common.messages import FOLLOWING
-from forefeel.common.recording.mcap_reader import Run, read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import COMMAND, FORCE, HAPTICS, SAFETY_EVENT, Topic
 from tests.event_lines import read_events
 from tests.system.net.provoked import ROW
@@ -80,9 +80,9 @@ class Evidence:
 
     def __init__(self, folder: Path, steered: tuple[str, Steering, float] | None = None) -> None:
         self._steered = steered
-        self.slave, self.master = read_run(folder / "slave.mcap"), read_run(folder / "master.mcap")
+        self.slave, self.master = Run(folder / "slave.mcap"), Run(folder / "master.mcap")
         self.motion = self._motion(motion_file(folder))
-        self._haptics = self._felt([self.master, *map(read_run, flight_files(folder, "master"))])
+        self._haptics = self._felt([self.master, *map(Run, flight_files(folder, "master"))])
         own = steered is not None and steered[0] == "slave"
         self.events = self._recorded_events() if own else logged_events(folder)
 

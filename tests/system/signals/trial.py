@@ -14,7 +14,7 @@ from pathlib import Path
 
 import yaml
 
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from tests.event_lines import read_events
 from tests.live_cell import free_port
 from tests.system.rows import Result
@@ -256,6 +256,6 @@ def _parse(path: Path, code: int) -> None:
         case ".crt" | ".key":
             assert content.rstrip().endswith(b"-----")
         case ".mcap":
-            assert not read_run(path).truncated
+            assert not Run(path).truncated
         case ".jsonl":
             assert read_events(path)[-1].event == "stop"

@@ -6,8 +6,8 @@ from itertools import pairwise
 from pathlib import Path
 
 from forefeel.common.errors import RecordingError
-from forefeel.common.recording.mcap_reader import Stream, read_contents
-from forefeel.common.topics import FORCE
+from forefeel.common.recording.mcap_reader import Run, Stream
+from forefeel.common.topics import FORCE, TOPICS
 from tests.live_cell import AXIS, LiveCell
 from tests.system.rows import Result
 from tests.system.soak.schedule import schedule
@@ -45,14 +45,14 @@ def soak(minutes: float, folder: Path) -> Result:
 def check(path: Path, killed: bool, disturbed_ns: Sequence[tuple[int, int]]) -> tuple[int, list[str]]:
     """(messages, what is wrong). `disturbed_ns`: when slave or recorder were kept from their work."""
     try:
-        contents = read_contents(path)
+        run = Run(path)
     except RecordingError as error:
         return 0, [str(error)]
-    messages = sum(len(stream.payloads) for stream in contents.streams.values())
+    messages = sum(run.count(axis, topic) for axis in run.axes for topic in TOPICS)
     wrong = []
-    if contents.truncated and not killed:
+    if run.truncated and not killed:
         wrong.append("cut off")
-    stream = contents.streams.get((AXIS, FORCE.name)) or Stream()
+    stream = run.stream(AXIS, FORCE) if AXIS in run.axes else Stream()
     stamps_ns = stream.log_ns
     numbers = [int(found.group(1)) for payload in stream.payloads if (found := _NUMBER.search(payload))]
     for i, (a, b) in enumerate(pairwise(numbers)):

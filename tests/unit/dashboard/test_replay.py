@@ -6,7 +6,7 @@ import pytest
 
 from forefeel.common.codec import encode
 from forefeel.common.errors import RecordingError
-from forefeel.common.recording.mcap_reader import read_run
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.mcap_spans import RunSpans
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.topics import FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
@@ -38,7 +38,7 @@ def run_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_span_holds_what_the_run_holds_there(run_file: Path) -> None:
-    spans, run = RunSpans(run_file), read_run(run_file)
+    spans, run = RunSpans(run_file), Run(run_file)
     assert (spans.cell, spans.axes) == (CELL, (AXIS,))
     start_ns, end_ns = START_NS + 2_345_000_000, START_NS + 4_777_000_000
     found = list(spans.between(start_ns, end_ns, [FORCE, SLAVE_STATE]))
