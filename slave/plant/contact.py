@@ -1,40 +1,22 @@
 """The simulated contact: what the instrument feels, what is switched on in a run, and the fixture."""
 
 from math import inf
-from typing import Protocol
 
 from forefeel.common.causes.base import SensorEffect
 from forefeel.common.causes.model import ContactModel, at_conversion
+from forefeel.common.causes.runtime import ContactRuntime
 from forefeel.common.messages import Grip
 from forefeel.slave.plant.settings import HiddenSettings
 
 
-class PlantContact(Protocol):
-    """The contact of the instrument, before the load cell converts; see `ContactRuntime`."""
-
-    instrument_m: float
-
-    def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
-        """The force in N, given the motion of the held instrument after dt at time t."""
-        ...
-
-    def step_unheld(self, t: float, x: float, v: float, a: float, dt: float) -> float:
-        """As `step`, while the fixture does not hold the instrument."""
-        ...
-
-    def reset_contact(self) -> None:
-        """Forgets the state of motion and contact, as after a new grip."""
-        ...
-
-
 class SwitchedContact:
-    """A contact that becomes another at `from_s` of the world's time.
+    """A `ContactRuntime` that becomes another at `from_s` of the world's time.
 
     Both are in motion from the start: what is switched on knows the motion so far, and the rest stays as it
     was.
     """
 
-    def __init__(self, before: PlantContact, after: PlantContact, from_s: float) -> None:
+    def __init__(self, before: ContactRuntime, after: ContactRuntime, from_s: float) -> None:
         self._now, self._after, self._from_s = before, after, from_s
         self.instrument_m = 0.0
 
@@ -74,6 +56,9 @@ class Converter:
             if t >= from_s:
                 force_n = effect.sense(t, force_n, dt)
         return force_n
+
+
+PlantContact = ContactRuntime | SwitchedContact
 
 
 def plant_contact(contact: ContactModel, hidden: HiddenSettings | None) -> tuple[PlantContact, Converter]:

@@ -1,7 +1,6 @@
 """Lines of numbers, and their driver against the emulated cell: streaming and asked."""
 
 from contextlib import AbstractContextManager
-from datetime import date
 from pathlib import Path
 
 import pytest
@@ -110,7 +109,7 @@ def settings(**more: object) -> AsciiLineSettings:
 
 
 def opened(port: Port, chosen: AsciiLineSettings) -> AbstractContextManager[AsciiLineLoadCell]:
-    return port.opened(lambda time: AsciiLineLoadCell(chosen, time, today=lambda: date(2026, 2, 1)))
+    return port.opened(lambda time: AsciiLineLoadCell(chosen, time))
 
 
 def port(device: EmulatedDevice, hub_s: float = 0.0, faults: Faults | None = None) -> Port:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from datetime import date
 from math import inf, nan
 from pathlib import Path
 from random import Random
@@ -110,6 +109,7 @@ format: forefeel.load_cell_calibration/1
 driver: bota_serial
 serial: {serial}
 date: 2026-01-15
+valid_days: 3650
 gain_n: 2.0
 zero: 0.25
 residual_n: 0.001
@@ -137,7 +137,7 @@ class Drifting(EmulatedBota):
 
 
 def opened(port: Port, settings: BotaSettings = SETTINGS) -> AbstractContextManager[BotaSerialLoadCell]:
-    return port.opened(lambda time: BotaSerialLoadCell(settings, time, today=lambda: date(2026, 2, 1)))
+    return port.opened(lambda time: BotaSerialLoadCell(settings, time))
 
 
 def test_one_reading_per_frame_with_the_time_of_its_measurement() -> None:

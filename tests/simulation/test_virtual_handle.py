@@ -49,9 +49,10 @@ class Rig:
 
         def stepped(settings: CoilSettings, clock: Clock) -> CoilHandle:
             self.line = Line(self.device, clock)
-            self.handle = CoilHandle(settings, clock, lambda: self.line)
+            self.handle = CoilHandle(settings, clock)
             return self.handle
 
+        monkeypatch.setattr("forefeel.devices.coil.driver.SerialStream", lambda *_: self.line)
         monkeypatch.setattr("forefeel.devices.coil.driver.CoilHandle", stepped)
         monkeypatch.setattr(Conversation, "_begin", lambda talks, timeout_s: self._shake_hands(talks))
         master: dict[str, Any] = {"axes": [{"handle": coil_settings().model_dump()}]}

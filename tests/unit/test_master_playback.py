@@ -3,7 +3,7 @@ import pytest
 
 from forefeel.common.messages import SafetyState
 from forefeel.common.recording.recording import Recording
-from forefeel.devices.simulated.playback import PiecewiseMotion, Playback, RecordedMotion
+from forefeel.devices.simulated.playback import Playback, RecordedMotion
 from forefeel.master.handle import HandleReading, Indication
 
 MS = 1_000_000
@@ -25,7 +25,7 @@ GAPPED = recording(
 class Session:
     """A playback at 1 kHz; the slave arms 50 ms after the press, its stage is the command."""
 
-    def __init__(self, motion: PiecewiseMotion, stage_m: float = 0.03) -> None:
+    def __init__(self, motion: RecordedMotion, stage_m: float = 0.03) -> None:
         self.handle = Playback(motion, APPROACH_M_S)
         self.now_ns = 5_000 * MS
         self.stage_m = stage_m

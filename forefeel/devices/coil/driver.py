@@ -1,7 +1,6 @@
 """The handle with a voice coil and an encoder behind a microcontroller on a serial port."""
 
 from collections import Counter
-from collections.abc import Callable
 from contextlib import suppress
 from math import isfinite
 from typing import NamedTuple
@@ -25,7 +24,7 @@ from forefeel.devices.coil.protocol import (
 from forefeel.devices.coil.settings import CoilSettings
 from forefeel.devices.shared.conversation import Conversation, Steps
 from forefeel.devices.shared.device_time import DeviceTime
-from forefeel.devices.shared.stream import ByteStream, SerialStream
+from forefeel.devices.shared.stream import SerialStream
 from forefeel.master.handle import HandleReading, Indication
 
 # --- The host's half of the exchange with a handle's microcontroller: handshake, then a command for a state.
@@ -259,16 +258,10 @@ class CoilHandle:
     clutched_out_s = 0.0
     """A hand does not say whether it means to wait."""
 
-    def __init__(
-        self,
-        settings: CoilSettings,
-        clock: Clock | None = None,
-        open_stream: Callable[[], ByteStream] | None = None,
-    ) -> None:
+    def __init__(self, settings: CoilSettings, clock: Clock | None = None) -> None:
         self._settings, self._clock = settings, clock or MonotonicClock()
         self.link = DeviceLink(f"handle coil_serial on {settings.port}")
         self._talk = CoilTalk(settings, self.link)
-        self._open_stream = open_stream or self._serial
         self._limit_ma = round(settings.max_current_a * 1e3)
         self._conversation = Conversation(self.link, self._converse)
 
@@ -342,12 +335,9 @@ class CoilHandle:
         """On the lamp and the display, with the next command."""
         self._talk.shown = indication
 
-    def _serial(self) -> ByteStream:
-        return SerialStream(self._settings, _READ_S * self._settings.watchdog_s)
-
     def _converse(self, conversation: Conversation) -> Steps:
         """The device's thread; a fault that the haptic thread found (the link is closed) ends it, too."""
-        stream = self._open_stream()
+        stream = SerialStream(self._settings, _READ_S * self._settings.watchdog_s)
         try:
             self.link.advance(LinkState.OPEN)
             stream.write(self._talk.begin(self._clock.now_ns()))

@@ -1,6 +1,5 @@
 """What load cells on a serial port share: handshake, the thread that reads, silence, faults, re-arming."""
 
-from collections.abc import Callable
 from contextlib import suppress
 from datetime import date
 from typing import Generic, Protocol, TypeVar
@@ -14,11 +13,7 @@ from forefeel.devices.bota.settings import BotaSettings
 from forefeel.devices.shared.conversation import Conversation, Steps
 from forefeel.devices.shared.force_scale import ForceScale, Native
 from forefeel.devices.shared.load_cell import QueuedLoadCell
-from forefeel.devices.shared.settings import SerialSettings
-from forefeel.devices.shared.stream import ByteStream, SerialStream, port_serial
-
-OpenStream = Callable[[SerialSettings, float], ByteStream]
-"""A port, and how long its `read` waits for the first byte, in s."""
+from forefeel.devices.shared.stream import SerialStream, port_serial
 
 S = TypeVar("S", BotaSettings, AsciiLineSettings)
 
@@ -73,20 +68,13 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
         scale: by the data sheet.
     """
 
-    def __init__(
-        self,
-        settings: S,
-        clock: Clock | None = None,
-        open_stream: OpenStream = SerialStream,
-        today: Callable[[], date] = date.today,
-    ) -> None:
+    def __init__(self, settings: S, clock: Clock | None = None) -> None:
         link = DeviceLink(f"load cell {settings.driver} on {settings.port}")
         super().__init__(link, settings.full_scale_n, 3.0 / settings.rate_hz + 0.02)
         self.measured_hz: float | None = None
         self._settings: S = settings
         self.scale = settings.scale
         self._clock = clock or MonotonicClock()
-        self._open_stream, self._today = open_stream, today
         self._silence_ns = round(max(5.0 / settings.rate_hz, _LEAST_SILENCE_S) * 1e9)
 
     # --- what the subclasses know ---
@@ -105,7 +93,7 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
 
     def _converse(self, conversation: Conversation) -> Steps:
         cell = self._cell()
-        stream = self._open_stream(self._settings, cell.wait_s)
+        stream = SerialStream(self._settings, cell.wait_s)
         try:
             self.link.advance(LinkState.OPEN)
             self._force = self._calibrated()
@@ -133,7 +121,7 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
                 "expected load_cell.serial, the number on the device's label"
             )
         try:
-            about = self._settings.driver, serial, self._today(), self._settings.scale
+            about = self._settings.driver, serial, date.today(), self._settings.scale
             self.calibration = load_cell_calibration(path, *about) if path else None
         except InputError as error:
             raise DeviceSetupError(str(error)) from error
@@ -148,7 +136,7 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
             )
         return found or given or ""
 
-    def _identified(self, conversation: Conversation, stream: ByteStream, cell: Cell) -> Steps:
+    def _identified(self, conversation: Conversation, stream: SerialStream, cell: Cell) -> Steps:
         start_ns, came = self._clock.now_ns(), 0
         patience_s = _identify_s(cell, self._settings.rate_hz)
         while self.link.state < LinkState.IDENTIFIED and not conversation.stopping:
@@ -162,7 +150,7 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
                 raise DeviceSetupError(self._unidentified(came, patience_s, cell))
             yield 0.0
 
-    def _at_its_rate(self, conversation: Conversation, stream: ByteStream, cell: Cell) -> Steps:
+    def _at_its_rate(self, conversation: Conversation, stream: SerialStream, cell: Cell) -> Steps:
         """Measures the rate until it is that of the settings: the cell is ready."""
         start_ns, rate_hz = self._clock.now_ns(), self._settings.rate_hz
         while not conversation.stopping:
@@ -180,7 +168,7 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
                 )
             yield 0.0
 
-    def _exchange(self, conversation: Conversation, stream: ByteStream, cell: Cell) -> Steps:
+    def _exchange(self, conversation: Conversation, stream: SerialStream, cell: Cell) -> Steps:
         last_ns, since = self._clock.now_ns(), 0
         while not conversation.stopping:
             silent_ns = self._clock.now_ns() - last_ns  # before reading: a host that was busy finds bytes
@@ -197,7 +185,7 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
                 self._measured(native)
             yield 0.0
 
-    def _heard(self, stream: ByteStream, cell: Cell) -> bytes:
+    def _heard(self, stream: SerialStream, cell: Cell) -> bytes:
         asked = cell.due(self._clock.now_ns())
         if asked:
             stream.write(asked)

@@ -1,4 +1,4 @@
-"""Byte streams to devices: the port, and serial ports behind it.
+"""Serial ports as byte streams.
 
 Whatever pyserial raises (SerialException, a bare OSError, termios.error, which is neither) is a DeviceError
 here.
@@ -9,7 +9,6 @@ import select
 import termios
 from contextlib import suppress
 from pathlib import Path
-from typing import Protocol
 
 import serial
 from serial.tools import list_ports
@@ -24,26 +23,8 @@ _WRITE_S = 0.5  # s that a write waits for a port that takes no bytes
 _USUAL_LATENCY_MS = 1  # ms, the least that an FTDI adapter can be set to; what deploy/udev sets
 
 
-class ByteStream(Protocol):
-    """A device's bytes. One thread reads, one writes."""
-
-    def read(self) -> bytes:
-        """What has come, waiting a little for the first byte; empty when nothing came.
-
-        Raises:
-            DeviceError: the device is gone.
-        """
-        ...
-
-    def write(self, data: bytes) -> None:
-        """Sends all of it or raises DeviceError; waits no longer than the write timeout."""
-        ...
-
-    def close(self) -> None: ...
-
-
 class SerialStream:
-    """A serial port, opened for us alone.
+    """A serial port, opened for us alone; once it is gone, `read` and `write` raise DeviceError.
 
     Attributes:
         timeout_s: how long `read` waits for the first byte; None: for ever.

@@ -5,7 +5,6 @@ does not move it.
 from bisect import bisect_right
 from collections.abc import Sequence
 from math import cos, pi, sin
-from typing import Protocol
 
 from forefeel.common.clock import Clock
 from forefeel.common.errors import RecordingError
@@ -17,26 +16,12 @@ from forefeel.devices.simulated.settings import MultiSineSettings, RecordedHandl
 from forefeel.master.handle import HandleReading
 
 
-class PiecewiseMotion(Protocol):
-    """A motion over its own time, in pieces; the clutch is opened between two pieces."""
-
-    @property
-    def pieces(self) -> Sequence[tuple[float, float]]:
-        """(start, end) in s of each piece, in order."""
-        ...
-
-    def at(self, t_s: float) -> tuple[float, float]:
-        """(position m, velocity m/s) at a time inside a piece."""
-        ...
-
-    @property
-    def carries_time(self) -> bool:
-        """Whether the commands carry that time as recording time."""
-        ...
-
-
 class RecordedMotion:
     """A measured position, linear between its samples, never across a gap longer than `GAP_S`.
+
+    Attributes:
+        carries_time: whether the commands carry the motion's time as recording time.
+        pieces: (start, end) in s of each, in order; the clutch is opened between two.
 
     Raises:
         RecordingError: every sample stands alone between gaps.
@@ -86,7 +71,7 @@ class Playback(SimulatedHandle):
     it, opens the clutch.
     """
 
-    def __init__(self, motion: PiecewiseMotion, approach_m_s: float) -> None:
+    def __init__(self, motion: RecordedMotion | MultiSine, approach_m_s: float) -> None:
         super().__init__()
         self._motion = motion
         self._approach_m_s = approach_m_s

@@ -6,7 +6,7 @@ by itself.
 """
 
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import isfinite, nan
 from typing import NamedTuple
 
@@ -15,9 +15,8 @@ from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.common.hardware.calibration import StageCalibration
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.devices.shared.conversation import Conversation, Steps, Timed
-from forefeel.devices.shared.settings import SerialSettings
 from forefeel.devices.shared.stage import PositionScale, SetpointMailbox, Wanted, calibrated
-from forefeel.devices.shared.stream import ByteStream, SerialStream
+from forefeel.devices.shared.stream import SerialStream
 from forefeel.devices.zaber.protocol import (
     ACCELERATION_DATA,
     DRIVER_OFF,
@@ -65,7 +64,7 @@ class ZaberTalk:
     """
 
     def __init__(
-        self, stream: ByteStream, clock: Clock, address: tuple[int, int], baud: int, link: DeviceLink
+        self, stream: SerialStream, clock: Clock, address: tuple[int, int], baud: int, link: DeviceLink
     ) -> None:
         self._stream, self._clock, self._byte_s = stream, clock, _BITS_PER_BYTE / baud
         self._device, self._axis = address
@@ -174,7 +173,6 @@ class ZaberTalk:
 
 
 # --- The handshake with a Zaber stage: who it is, how it is set up, whether it knows where it is.
-OpenStream = Callable[[SerialSettings], ByteStream]
 _ROUNDING = 1.0  # microsteps
 
 
@@ -193,7 +191,7 @@ def link_name(settings: ZaberSettings) -> str:
     return f"stage zaber_ascii on {settings.port}"
 
 
-def connect(settings: ZaberSettings, clock: Clock, link: DeviceLink, stream: ByteStream) -> ConfiguredStage:
+def connect(settings: ZaberSettings, clock: Clock, link: DeviceLink, stream: SerialStream) -> ConfiguredStage:
     """From an open stream to a stage that has been identified and set up; nothing moves.
 
     Raises:
@@ -485,13 +483,10 @@ class ZaberStage:
         calibration: as it was loaded; None: there is none.
     """
 
-    def __init__(
-        self, settings: ZaberSettings, clock: Clock | None = None, open_stream: OpenStream = SerialStream
-    ) -> None:
+    def __init__(self, settings: ZaberSettings, clock: Clock | None = None) -> None:
         self.settings, self._clock = settings, clock or MonotonicClock()
         self.link = DeviceLink(link_name(settings))
         self.calibration: StageCalibration | None = None
-        self._open_stream = open_stream
         self._orders = SetpointMailbox()
         self._conversation: Conversation | None = None
         self._exchange: ZaberExchange | None = None
@@ -549,7 +544,7 @@ class ZaberStage:
     # --- the conversation's thread ---
 
     def _converse(self, conversation: Conversation) -> Steps:
-        stream = self._open_stream(self.settings)
+        stream = SerialStream(self.settings)
         try:
             self.link.advance(LinkState.OPEN)
             device = connect(self.settings, self._clock, self.link, stream)

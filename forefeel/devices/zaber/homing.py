@@ -5,8 +5,8 @@ from types import TracebackType
 from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.link import DeviceLink, LinkState
-from forefeel.devices.shared.stream import ByteStream, SerialStream
-from forefeel.devices.zaber.driver import ConfiguredStage, OpenStream, clear_faults, connect, link_name
+from forefeel.devices.shared.stream import SerialStream
+from forefeel.devices.zaber.driver import ConfiguredStage, clear_faults, connect, link_name
 from forefeel.devices.zaber.protocol import SPEED_DATA, UNHOMED, in_words, is_fault
 from forefeel.devices.zaber.settings import ZaberSettings
 from forefeel.slave.stage import Home
@@ -22,18 +22,16 @@ class ZaberHoming:
         native_per_m: microsteps per m.
     """
 
-    def __init__(
-        self, settings: ZaberSettings, clock: Clock | None = None, open_stream: OpenStream = SerialStream
-    ) -> None:
+    def __init__(self, settings: ZaberSettings, clock: Clock | None = None) -> None:
         self._settings = settings.model_copy(update={"calibration": None})
-        self._clock, self._open_stream = clock or MonotonicClock(), open_stream
+        self._clock = clock or MonotonicClock()
         self.link = DeviceLink(link_name(settings))
-        self._stream: ByteStream | None = None
+        self._stream: SerialStream | None = None
         self._device: ConfiguredStage | None = None
         self.native_per_m = 0.0
 
     def __enter__(self) -> "ZaberHoming":
-        self._stream = self._open_stream(self._settings)
+        self._stream = SerialStream(self._settings)
         try:
             self.link.advance(LinkState.OPEN)
             self._device = connect(self._settings, self._clock, self.link, self._stream)
