@@ -328,7 +328,6 @@ class Calibration(Message):
     residual_n: Force | None = None
     hysteresis_n: Force | None = None
     native_per_m: Native | None = None
-    repeatability_m: Position | None = None
 
 
 class LoopTiming(Message):

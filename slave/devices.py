@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 from forefeel.common import topics
 from forefeel.common.bus import Bus, Publisher
@@ -132,16 +132,11 @@ class DeviceReports:
 def _message(
     found: StageCalibration | LoadCellCalibration, publisher: Publisher, session_id: int, now_ns: int
 ) -> Calibration:
-    slot: Literal["stage", "load_cell"] = "stage"
-    rest: dict[str, Any]
-    if isinstance(found, StageCalibration):
-        rest = {"native_per_m": found.native_per_m, "repeatability_m": found.repeatability_m}
-    else:
-        slot = "load_cell"
-        rest = {name: getattr(found, name) for name in ("gain_n", "residual_n", "hysteresis_n")}
+    names = "native_per_m", "gain_n", "residual_n", "hysteresis_n"
+    rest: dict[str, Any] = {name: getattr(found, name, None) for name in names}
     return Calibration(
         **publisher.header(session_id, now_ns),
-        slot=slot,
+        slot="stage" if isinstance(found, StageCalibration) else "load_cell",
         driver=found.driver[:256],
         serial=found.serial[:256],
         date=found.date.isoformat(),

@@ -78,15 +78,6 @@ class Stage(Protocol):
         ...
 
 
-class Home(NamedTuple):
-    """The reference as it was found, in native units: its position in the count that holds from now on, and
-    how far off the count before had it; None: the device does not tell, or has not been homed before.
-    """
-
-    native: float
-    shift: float | None
-
-
 class Homing(Protocol):
     """A stage while it is calibrated: it need not know where it is, and its calibration is not looked at.
     Use: `with homing:`; whatever ends the block, the stage is told to stop and let go.
@@ -108,8 +99,10 @@ class Homing(Protocol):
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None: ...
 
-    def home(self) -> Home:
-        """Finds the reference again, whether it had been found or not."""
+    def home(self) -> float:
+        """Finds the reference again, whether it had been found or not; where it is, in native units of the
+        count that holds from now on.
+        """
         ...
 
     def travel_ends(self, velocity_m_s: float) -> tuple[float, float]:

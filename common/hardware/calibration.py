@@ -8,7 +8,7 @@ from pydantic import Field
 
 from forefeel.common.config import Settings, load_settings
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.messages import MOST_FORCE_N, MOST_POSITION_M, Native
+from forefeel.common.messages import MOST_FORCE_N, Native
 
 SCALE_FACTOR = 2.0
 """Gain and data sheet agree within it: data sheets are right to some per cent, and a mistaken unit is further
@@ -38,7 +38,6 @@ class LoadCellCalibration(Settings):
     residual_n: Annotated[float, Field(ge=0.0, le=MOST_FORCE_N)]
     hysteresis_n: Annotated[float, Field(ge=0.0, le=MOST_FORCE_N)]
     range_n: tuple[float, float]
-    temperature_c: float | None = None
     points: tuple[tuple[float, float], ...]
 
     def force_n(self, native: float) -> float:
@@ -50,8 +49,7 @@ class StageCalibration(Settings):
     """What homing and a run over the travel found: `native = zero + sign native_per_m x`, in device units;
     `sign`: of the settings, not in `native_per_m`.
 
-    `travel_m`: from end to end; `repeatability_m`: the largest difference of the home found twice; None: the
-    device does not tell.
+    `travel_m`: from end to end.
     """
 
     format: Literal["forefeel.stage_calibration/1"]
@@ -62,7 +60,6 @@ class StageCalibration(Settings):
     zero: Native
     native_per_m: Annotated[float, Field(gt=0, le=1e12)]
     travel_m: tuple[float, float]
-    repeatability_m: Annotated[float, Field(ge=0.0, le=MOST_POSITION_M)] | None
 
 
 class CellScale(NamedTuple):

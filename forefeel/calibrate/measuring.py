@@ -8,6 +8,7 @@ from forefeel.common.errors import ConfigurationError, RunError
 
 STANDARD_GRAVITY_M_S2 = 9.80665  # m/s^2, exact by definition (3rd CGPM, 1901)
 LEAST_READINGS = 10  # of a level
+_STEADY_SHARE = 0.005  # of the range, that the readings of a level may drift
 _NOISE = 4.0  # rms, in units of the drift that is allowed: noise is averaged away
 _SHOWN = 3.0  # a drift of that many of its standard deviations is one
 
@@ -56,9 +57,7 @@ def level_of(times_s: Sequence[float], natives: Sequence[float]) -> Level:
     return Level(mean, std, slope * span_s, std * span_s / sqrt(spread), n)
 
 
-def require_steady(
-    level: Level, newton_per_native: float, range_n: float, what: str, steady_share: float
-) -> None:
+def require_steady(level: Level, newton_per_native: float, range_n: float, what: str) -> None:
     """Refuses a level whose readings move.
 
     Args:
@@ -66,13 +65,11 @@ def require_steady(
         newton_per_native: what a native unit is worth, by the data sheet; its sign does not matter.
         range_n: the range of forces that is calibrated.
         what: the load in words, for the text.
-        steady_share: of the range, that the readings may drift while they are averaged; noise may be four
-            times that.
 
     Raises:
         RunError: with what was found and what is allowed.
     """
-    scale_n, allowed_n = abs(newton_per_native), steady_share * range_n
+    scale_n, allowed_n = abs(newton_per_native), _STEADY_SHARE * range_n
     noise_n, noise_allowed_n = level.std * scale_n, _NOISE * allowed_n
     if not noise_n <= noise_allowed_n:
         raise RunError(
@@ -170,37 +167,25 @@ def _largest_difference(steps: Sequence[Step]) -> float:
     return max(high - low for low, high in seen.values())
 
 
-class Travel(NamedTuple):
-    """What homing and the way from end to end found, m: the ends from the reference, and how far the
-    reference was off when it was found again (None: the device does not tell).
-    """
-
-    ends_m: tuple[float, float]
-    repeatability_m: float | None
-
-
 def travel_of(
-    reference: float, ends: tuple[float, float], shift: float | None, native_per_m: float, sign: int
-) -> Travel:
-    """The travel in m, to the nanometre, from what was found in native units; `sign` as in the settings."""
+    reference: float, ends: tuple[float, float], native_per_m: float, sign: int
+) -> tuple[float, float]:
+    """The ends of the travel from the reference in m, to the nanometre, from what was found in native units;
+    `sign` as in the settings.
+    """
     low_m, high_m = sorted(round(sign * (end - reference) / native_per_m, 9) for end in ends)
-    return Travel((low_m, high_m), None if shift is None else abs(shift / native_per_m))
+    return low_m, high_m
 
 
-def require_travel(found: Travel, expected_m: tuple[float, float], repeatability_m: float) -> None:
-    """Refuses a stage that does not reach what its settings say, or does not find its home again.
+def require_travel(found_m: tuple[float, float], expected_m: tuple[float, float]) -> None:
+    """Refuses a stage that does not reach what its settings say.
 
     Raises:
         RunError: with what was found and what was expected.
     """
-    if found.ends_m[0] > expected_m[0] or found.ends_m[1] < expected_m[1]:
-        low, high = (1e3 * end_m for end_m in found.ends_m)
+    if found_m[0] > expected_m[0] or found_m[1] < expected_m[1]:
+        low, high = (1e3 * end_m for end_m in found_m)
         raise RunError(
             f"travel {low:.3f} to {high:.3f} mm found, settings say stage.travel_m = {list(expected_m)}; "
             "correct it, the scale or the sign, or take away what is in the way"
-        )
-    if found.repeatability_m is not None and found.repeatability_m > repeatability_m:
-        raise RunError(
-            f"home found again {1e6 * found.repeatability_m:.1f} um off, "
-            f"allowed {1e6 * repeatability_m:.1f} um; check the reference sensor and its mounting"
         )

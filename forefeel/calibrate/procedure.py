@@ -44,6 +44,7 @@ from forefeel.slave.load_cell import NativeLoadCell, NativeReading
 from forefeel.terminal import answer, ask, say
 
 _POLL_NS = 5_000_000  # ns between two looks for readings, which a queue keeps meanwhile
+_AVERAGE_S = 0.5  # s for which a level is read, at least
 _SLOWEST_S = 30.0  # s in which a level must be read: a cell of one reading a second needs some ten
 _INTERRUPTED = "calibration interrupted; nothing was written"
 _PRIORITY = 50  # of SCHED_FIFO, the default of `realtime.priority`
@@ -71,16 +72,13 @@ class Target(NamedTuple):
         return device_of(self.config, self.axis, slot)
 
 
-def run_load_cell(  # noqa: PLR0913 - what the user asked for
+def run_load_cell(
     target: Target,
     weights: str | None,
     forces: str | None,
     *,
     settle_s: float = 1.0,
-    average_s: float = 0.5,
-    steady_share: float = 0.005,
     residual_share: float = 0.01,
-    temperature_c: float | None = None,
     clock: SleepingClock | None = None,
 ) -> None:
     """Calibrates a load cell and writes the file.
@@ -90,10 +88,7 @@ def run_load_cell(  # noqa: PLR0913 - what the user asked for
         weights: in kg, with commas.
         forces: in N, in place of weights.
         settle_s: wait after a load was changed.
-        average_s: how long each load is read.
-        steady_share: of the range, by which the readings may drift meanwhile.
         residual_share: of the range, rms by which the levels may lie off the line.
-        temperature_c: of the cell, for the file.
         clock: of the readings.
 
     Raises:
@@ -118,8 +113,8 @@ def run_load_cell(  # noqa: PLR0913 - what the user asked for
             load = f"{force_n:.5g} N ({force_n / STANDARD_GRAVITY_M_S2:.5g} kg)" if force_n else "no load"
             request = f"Apply {load}" if force_n else "Unload the cell"
             ask_person(request, ", then press Enter", target.yes)
-            level = _level(cell, time, load, settle_s, average_s)
-            require_steady(level, cell.scale.newton_per_native, high_n - low_n, load, steady_share)
+            level = _level(cell, time, load, settle_s)
+            require_steady(level, cell.scale.newton_per_native, high_n - low_n, load)
             steps.append(Step(force_n, level))
             say(f"  {level.mean:.8g} +- {level.std:.2g}, {level.readings} readings")
     # the sign of the settings is applied after the calibration, so it is no part of the gain
@@ -132,7 +127,6 @@ def run_load_cell(  # noqa: PLR0913 - what the user asked for
         **_of(device, serial, target),
         **found._asdict(),
         range_n=(low_n, high_n),
-        temperature_c=temperature_c,
         points=tuple((step.level.mean, step.force_n) for step in steps),
     )
     _write(
@@ -155,11 +149,11 @@ def _loads_n(weights: str | None, forces: str | None) -> list[float]:
     return loads_n
 
 
-def _level(cell: NativeLoadCell, clock: SleepingClock, load: str, settle_s: float, average_s: float) -> Level:
+def _level(cell: NativeLoadCell, clock: SleepingClock, load: str, settle_s: float) -> Level:
     """Reads the load once it has settled."""
     settled_ns = clock.now_ns() + round(settle_s * 1e9)
     found: list[NativeReading] = []
-    while len(found) < LEAST_READINGS or found[-1].stamp_ns - found[0].stamp_ns < average_s * 1e9:
+    while len(found) < LEAST_READINGS or found[-1].stamp_ns - found[0].stamp_ns < _AVERAGE_S * 1e9:
         if clock.now_ns() - settled_ns > _SLOWEST_S * 1e9:
             raise DeviceError(
                 f"{len(found)} readings within {_SLOWEST_S:g} s: expected at least {LEAST_READINGS}"
@@ -173,9 +167,7 @@ def _level(cell: NativeLoadCell, clock: SleepingClock, load: str, settle_s: floa
     return level_of(times_s, [reading.native for reading in found])
 
 
-def run_stage(
-    target: Target, velocity_m_s: float, repeatability_m: float = 50e-6, clock: SleepingClock | None = None
-) -> None:
+def run_stage(target: Target, velocity_m_s: float, clock: SleepingClock | None = None) -> None:
     """Calibrates a stage and writes the file.
 
     Raises:
@@ -210,24 +202,21 @@ def run_stage(
         say("travelling from end to end")
         ends = stage.travel_ends(velocity_m_s)
         say("homing again")
-        again = stage.home()
-    travel = travel_of(again.native, ends, again.shift, settings.native_per_m, settings.sign)
-    require_travel(travel, settings.travel_m, repeatability_m)
-    off_m, (low_mm, high_mm) = travel.repeatability_m, (1e3 * end_m for end_m in travel.ends_m)
+        zero = stage.home()
+    travel_m = travel_of(zero, ends, settings.native_per_m, settings.sign)
+    require_travel(travel_m, settings.travel_m)
+    low_mm, high_mm = (1e3 * end_m for end_m in travel_m)
     calibration = StageCalibration(
         format="forefeel.stage_calibration/1",
         **_of(device, serial, target),
-        zero=again.native,
+        zero=zero,
         native_per_m=settings.native_per_m,
-        travel_m=travel.ends_m,
-        repeatability_m=off_m,
+        travel_m=travel_m,
     )
     _write(
         target.out,
         calibration,
         f"Travel      {low_mm:.4g} to {high_mm:.4g} mm from the reference, {high_mm - low_mm:.4g} mm",
-        "Home        "
-        + ("not told by the device" if off_m is None else f"found again within {1e6 * off_m:.3g} um"),
     )
 
 

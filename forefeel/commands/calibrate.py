@@ -16,7 +16,6 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace FILE.")]
 ValidDays = Annotated[
     int, typer.Option("--valid-days", metavar="N", min=1, max=3650, help="How long it holds.")
 ]
-_SHARE = 1e-6, 0.1
 
 
 @examples(
@@ -37,15 +36,10 @@ def load_cell(  # noqa: PLR0913, PLR0917 - one parameter per option
     yes: Yes = False,
     overwrite: Overwrite = False,
     settle: Annotated[float, number("S", 0.0, 60.0, "Wait after a load was changed.")] = 1.0,
-    average: Annotated[float, number("S", 0.5, 60.0, "How long each load is read.")] = 0.5,
-    steady: Annotated[
-        float, number("SHARE", *_SHARE, "Of the range, that a reading may drift meanwhile.")
-    ] = 0.005,
     max_residual: Annotated[
-        float, number("SHARE", *_SHARE, "Of the range, rms of what the line leaves.")
+        float, number("SHARE", 1e-6, 0.1, "Of the range, rms of what the line leaves.")
     ] = 0.01,
     valid_days: ValidDays = 365,
-    temperature: Annotated[float | None, typer.Option(metavar="C", help="Of the cell, for the file.")] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
@@ -57,10 +51,7 @@ def load_cell(  # noqa: PLR0913, PLR0917 - one parameter per option
             weights,
             forces,
             settle_s=settle,
-            average_s=average,
-            steady_share=steady,
             residual_share=max_residual,
-            temperature_c=temperature,
         )
 
 
@@ -72,9 +63,6 @@ def stage(  # noqa: PLR0913, PLR0917 - one parameter per option
     yes: Yes = False,
     overwrite: Overwrite = False,
     velocity: Annotated[float, number("M/S", 1e-4, 0.05, "From end to end.")] = 0.005,
-    max_repeatability: Annotated[
-        float, number("M", 1e-9, 0.01, "How far off the home may be found again.")
-    ] = 50e-6,
     valid_days: ValidDays = 365,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -82,4 +70,4 @@ def stage(  # noqa: PLR0913, PLR0917 - one parameter per option
     from forefeel.calibrate.procedure import Target, run_stage  # noqa: PLC0415
 
     with output(as_json, quiet):
-        run_stage(Target(config, axis, out, yes, overwrite, valid_days), velocity, max_repeatability)
+        run_stage(Target(config, axis, out, yes, overwrite, valid_days), velocity)

@@ -9,7 +9,7 @@ from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.calibration import CellScale
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.slave.load_cell import LoadCellReading, NativeReading
-from forefeel.slave.stage import Home, StageReading
+from forefeel.slave.stage import StageReading
 
 S = 1_000_000_000
 
@@ -122,10 +122,9 @@ class FakeHandle(Fake):
 
 
 class FakeHoming(Fake):
-    """A stage of 100 mm at 1 micrometre a step that finds its home `off` steps apart."""
+    """A stage of 100 mm at 1 micrometre a step."""
 
     ends = (-1000.0, 99_000.0)
-    off: float | None = 3.0
     stuck: BaseException | None = None
 
     def __enter__(self) -> Self:
@@ -136,9 +135,9 @@ class FakeHoming(Fake):
         self.calls.append("stop")
         self.close()
 
-    def home(self) -> Home:
+    def home(self) -> float:
         self.calls.append("homed")
-        return Home(0.0, self.off if self.calls.count("homed") > 1 else None)
+        return 0.0
 
     def travel_ends(self, velocity_m_s: float) -> tuple[float, float]:
         self.calls.append(f"travelled at {velocity_m_s:g}")

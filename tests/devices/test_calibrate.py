@@ -68,14 +68,14 @@ def test_load_cell_is_calibrated_and_its_file_gives_the_loads_back(
 ) -> None:
     configure(sign)
     cell.gain_n *= sign
-    assert run([*CELL, *FORCES, "--temperature", "21.5"]) == 0
+    assert run([*CELL, *FORCES]) == 0
     said = capsys.readouterr()
     found = load_cell_calibration(Path("cell.yaml"), "ascii_line", "SN-7", date.today(), cell.scale)
     assert found.gain_n == pytest.approx(2e-5, rel=1e-4)
     assert [sign * found.force_n(native) for native, _ in found.points] == pytest.approx(WALK, abs=1e-3)
     assert [force_n for _, force_n in found.points] == WALK
     assert found.zero == pytest.approx(cell.zero, abs=3.0)
-    assert (found.range_n, found.temperature_c, found.valid_days) == ((0.0, 4.0), 21.5, 365)
+    assert (found.range_n, found.valid_days) == ((0.0, 4.0), 365)
     assert 0.0 < found.residual_n < 1e-4
     assert said.err.count("press Enter") == len(WALK)
     assert cell.calls == ["open", "close"]
@@ -151,7 +151,6 @@ BAD_LOADS = [
 ]
 BAD_OPTIONS = [
     ["--max-residual", "0.5"],
-    ["--average", "0.1"],
     ["--settle", "nan"],
     ["--valid-days", "0"],
     ["--out", "cell.txt"],
@@ -243,7 +242,6 @@ def test_a_stage_is_homed_twice_and_run_from_end_to_end(
     assert found.travel_m == pytest.approx(ends_m)
     assert found.native_per_m == pytest.approx(1e6)
     assert found.zero == 0.0
-    assert found.repeatability_m == pytest.approx(3e-6)
     assert homing.calls == ["open", "homed", "travelled at 0.01", "homed", "stop", "close"]
 
 
@@ -256,14 +254,6 @@ def test_stage_json_is_what_the_file_holds_and_quiet_says_nothing(
     assert homing.calls.count("homed") == 2
     assert run([*STAGE, "--yes", "--quiet", "--overwrite"]) == 0
     assert capsys.readouterr() == ("", "")
-
-
-def test_a_device_that_does_not_tell_its_repeatability_has_none_in_the_file(
-    run: Run, homing: FakeHoming
-) -> None:
-    homing.off = None
-    assert run([*STAGE, "--yes"]) == 0
-    assert load_settings(StageCalibration, Path("stage.yaml")).repeatability_m is None
 
 
 def test_a_stage_does_not_move_beside_a_slave_or_while_a_stop_is_latched(
@@ -295,7 +285,6 @@ def test_a_stage_does_not_move_without_a_yes(
     ("flaw", "message"),
     [
         ("short", "travel -1.000 to 50.000 mm"),
-        ("off", "60.0 um off"),
         ("fault", "unplugged"),
         ("interrupt", "interrupted"),
     ],
@@ -306,8 +295,6 @@ def test_a_stage_that_fails_is_stopped_and_nothing_is_written(
     match flaw:
         case "short":
             homing.ends = (-1000.0, 50_000.0)
-        case "off":
-            homing.off = 60.0
         case "fault":
             homing.stuck = UNPLUGGED
         case _:

@@ -182,7 +182,7 @@ def test_drive_homes_onto_its_switch_and_runs_over_its_travel() -> None:
     homing = {"method": 17, "home_m": -0.0045, "search_velocity_m_s": 0.05, "acceleration_m_s2": 1.0}
     with rigged(stage={"homing": homing, "travel_m": (0.0, 0.02)}) as rig:
         with Cia402Homing(rig.stage._settings, rig.time) as found:
-            assert found.home().native == pytest.approx(4500, abs=100)
+            assert found.home() == pytest.approx(4500, abs=100)
             low, high = found.travel_ends(0.02)
             assert high - low == pytest.approx(0.02 * COUNTS_PER_M, abs=100)
         rig.time.run(0.1)

@@ -202,7 +202,6 @@ def calibration(folder: Path, **changes: object) -> Path:
         "zero": 20_000.0,
         "native_per_m": 1e7,
         "travel_m": [-0.02, 0.02],
-        "repeatability_m": 1e-6,
     }
     path.write_text(yaml.safe_dump({**usual, **changes}))
     return path
@@ -404,7 +403,7 @@ def test_homing_and_travel_of_an_unhomed_stage() -> None:
     with rigged(replace(MODEL, homed=False, start_m=0.03), opened=False, sign=-1) as rig:
         with ZaberHoming(rig.settings, rig.time) as found:
             assert found.link.serial == "73451" and found.native_per_m == 1e7
-            assert found.home() == (0.0, None) and rig.x_m == pytest.approx(0.0, abs=1e-9)
+            assert found.home() == 0.0 and rig.x_m == pytest.approx(0.0, abs=1e-9)
             began_s = rig.time.t_s
             assert found.travel_ends(0.05) == (-50_000.0, 1_000_000.0)
             assert rig.time.t_s - began_s > (0.1 + 0.105) / 0.05

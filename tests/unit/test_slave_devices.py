@@ -174,11 +174,11 @@ CELL = LoadCellCalibration(
 )  # fmt: skip
 STAGE = StageCalibration(
     format="forefeel.stage_calibration/1", driver="zaber_ascii", serial="4711", date=date(2026, 3, 2),
-    zero=5000.0, native_per_m=1e7, travel_m=(0.0, 0.12), repeatability_m=None,
+    zero=5000.0, native_per_m=1e7, travel_m=(0.0, 0.12),
 )  # fmt: skip
 
 ANNOUNCED = (
-    "driver", "serial", "zero", "native_per_m", "repeatability_m", "gain_n", "residual_n", "hysteresis_n",
+    "driver", "serial", "zero", "native_per_m", "gain_n", "residual_n", "hysteresis_n",
 )  # fmt: skip
 
 

@@ -31,7 +31,6 @@ from forefeel.devices.cia402.protocol import (
 from forefeel.devices.cia402.settings import Cia402Settings
 from forefeel.devices.shared.conversation import Pacer
 from forefeel.devices.shared.stage import PositionScale, Setpoint
-from forefeel.slave.stage import Home
 
 # --- What one cycle of a CiA 402 drive that is being homed decides. Pure.
 # answers of a drive that was told to stand, before it is enabled, as `_STAND_CYCLES` of the driver
@@ -149,9 +148,8 @@ class Cia402Homing:
         release(self._bus)
         self.link.close()
 
-    def home(self) -> Home:
-        """Homes, and comes into the travel; the position of x = 0 in counts. By how much it was off the drive
-        does not tell.
+    def home(self) -> float:
+        """Homes, and comes into the travel; the position of x = 0 in counts.
 
         Raises:
             DeviceError: a fault on the way, or not there in time; the stage has been stopped.
@@ -170,7 +168,7 @@ class Cia402Homing:
         inside_m = max(low_m, min(high_m, self._scale.metres(self._at)))
         if self._scale.native(inside_m) != round(self._at):
             self._go([inside_m], homing.search_velocity_m_s)
-        return Home(self._scale.zero, None)
+        return self._scale.zero
 
     def travel_ends(self, velocity_m_s: float) -> tuple[float, float]:
         """Where it has been, in counts: a little beyond both ends of `travel_m`.

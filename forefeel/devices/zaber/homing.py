@@ -9,7 +9,6 @@ from forefeel.devices.shared.stream import SerialStream
 from forefeel.devices.zaber.driver import ConfiguredStage, clear_faults, connect, link_name
 from forefeel.devices.zaber.protocol import SPEED_DATA, UNHOMED, in_words, is_fault
 from forefeel.devices.zaber.settings import ZaberSettings
-from forefeel.slave.stage import Home
 
 
 class ZaberHoming:
@@ -53,14 +52,14 @@ class ZaberHoming:
         finally:
             self._stream.close()
 
-    def home(self, timeout_s: float = 60.0) -> Home:
-        """Homes; the position of home in microsteps. By how much it was off the device does not tell.
+    def home(self, timeout_s: float = 60.0) -> float:
+        """Homes; the position of home in microsteps.
 
         Raises:
             DeviceError: a fault on the way, or not there in time; the stage is told to stop.
         """
         self._move("home", timeout_s)
-        return Home(self._opened().talk.number("get pos"), None)
+        return self._opened().talk.number("get pos")
 
     def travel_ends(self, velocity_m_s: float, timeout_s: float = 120.0) -> tuple[float, float]:
         """Runs to both limits at that speed and stays at the lower; the ends in microsteps.
