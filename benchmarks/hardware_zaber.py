@@ -19,7 +19,7 @@ from forefeel.devices.shared.settings import SerialSettings
 from forefeel.devices.shared.stream import SerialStream
 from forefeel.devices.zaber.driver import ZaberExchange, ZaberStage
 from forefeel.devices.zaber.emulator import ZaberDevice, ZaberModel
-from forefeel.devices.zaber.protocol import Message, Parser, lrc
+from forefeel.devices.zaber.protocol import Parser, Reply, lrc
 from forefeel.devices.zaber.settings import ZaberSettings
 
 _SECONDS = 10.0  # s of each measurement
@@ -132,7 +132,7 @@ def _damaged() -> None:
     stream = b"".join(_hurt(frame, chosen) if n in damaged else frame for n, frame in enumerate(frames))
     wanted = {Parser().feed(frame)[0] for frame in frames}
     start_s, parser = time.perf_counter(), Parser()
-    found: list[Message] = []
+    found: list[Reply] = []
     for at in range(0, len(stream), 64):
         found += parser.feed(stream[at : at + 64])
     took_s = time.perf_counter() - start_s

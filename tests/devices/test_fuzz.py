@@ -110,7 +110,7 @@ def _lines(random: Random) -> bytes:
 
 def _zaber(random: Random) -> bytes:
     encoder = CommandEncoder(1)
-    words = "get pos", "move abs 100", "home", "set comm.alert 1", "warnings", "stop", ""
+    words = "get pos", "move abs 100", "home", "set accel 1", "warnings", "stop", ""
     lines = [line(n, str(random.randrange(10**6))) for n in range(3)]
     lines += [encoder.encode(1, random.choice(words))[1] for _ in range(3)]
     random.shuffle(lines)

@@ -339,15 +339,6 @@ def test_jam_that_stays_is_a_fault_again_and_a_power_cut_asks_for_homing() -> No
             rig.stage.rearm()
 
 
-def test_alert_of_a_fault_is_one() -> None:
-    with rigged() as rig:
-        rig.device.receive(b"/1 0 set comm.alert 1\n", rig.time.t_s)
-        rig.command(0.02)
-        rig.time.run(0.05)
-        jam(rig)
-        assert "FS (stalled and stopped)" in rig.until_fault()
-
-
 @pytest.mark.parametrize(
     "faults",
     [Faults(0.02), Faults(0, 0.02), Faults(0, 0, 0.3), Faults(0, 0, 0, 0.05), Faults(0.01, 0.01, 0.1, 0.02)],

@@ -19,7 +19,7 @@ def zaber() -> ModuleType:
     import zaber_motion.ascii
     import zaber_motion.events
 
-    zaber_motion.events.event_executor.submit(lambda: None).result()  # its thread for alerts stays
+    zaber_motion.events.event_executor.submit(lambda: None).result()  # its thread for events stays
     module: ModuleType = zaber_motion.ascii
     return module
 
@@ -33,7 +33,6 @@ def connected(zaber: ModuleType, device: ZaberDevice, folder: Path) -> Iterator[
 def test_it_homes_moves_stops_and_reads_back(zaber: ModuleType, tmp_path: Path) -> None:
     device = ZaberDevice(MODEL)
     with connected(zaber, device, tmp_path) as peer:
-        peer.enable_alerts()  # type: ignore[attr-defined]
         axis = peer.get_device(1).get_axis(1)  # type: ignore[attr-defined]
         assert not axis.is_homed() and axis.warnings.get_flags() == {"WR"}
         axis.home()

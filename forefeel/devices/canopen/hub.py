@@ -1,9 +1,8 @@
 """Several serial CAN adapters on one bus: an slcan hub over pseudo terminals."""
 
-import heapq
 import select
 import time
-from collections import Counter
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -24,59 +23,12 @@ def frame_s(frame: bytes, bitrate: int) -> float:
     return (data_bits + head_bits + 13 + (head_bits + data_bits - 1) // 4) / bitrate
 
 
-class CanWire:
-    """The bus between the adapters: one frame at a time, the lowest identifier first. Pure."""
-
-    def __init__(self, bitrate: int) -> None:
-        self._bitrate = bitrate
-        self._waiting: list[tuple[tuple[int, bool], int, int, bytes]] = []
-        self._on_wire: tuple[float, int, bytes] | None = None
-        self._count = 0
-
-    def offer(self, sender: int, frame: bytes) -> None:
-        self._count += 1
-        extended = frame[:1] in b"TR"
-        ident = int(frame[1:9], 16) if extended else int(frame[1:4], 16) << 18
-        heapq.heappush(self._waiting, ((ident, extended), self._count, sender, frame))
-
-    def advance(self, t_s: float) -> list[tuple[int, bytes]]:
-        """(sender, frame) of all that are complete by then."""
-        done: list[tuple[int, bytes]] = []
-        while True:
-            if self._on_wire is None:
-                if not self._waiting:
-                    return done
-                self._begin(t_s)
-            assert self._on_wire is not None
-            end_s, sender, frame = self._on_wire
-            if end_s > t_s:
-                return done
-            done.append((sender, frame))
-            self._on_wire = None
-            if self._waiting:
-                self._begin(end_s)
-
-    @property
-    def next_s(self) -> float | None:
-        """When the frame on the wire is complete."""
-        return None if self._on_wire is None else self._on_wire[0]
-
-    def _begin(self, start_s: float) -> None:
-        _, _, sender, frame = heapq.heappop(self._waiting)
-        self._on_wire = start_s + frame_s(frame, self._bitrate), sender, frame
-
-
 class SlcanAdapter:
-    """What one adapter makes of its host's lines. Pure.
-
-    Attributes:
-        counts: `frames`, `refused`, and what `Lines` counts.
-    """
+    """What one adapter makes of its host's lines. Pure."""
 
     def __init__(self, bitrate: int) -> None:
         self._bitrate_command = BITRATES[bitrate].encode("ascii")
         self._lines = Lines()
-        self.counts: Counter[str] = self._lines.counts
         self.open = False
         self._fits = False
 
@@ -85,13 +37,11 @@ class SlcanAdapter:
         frames, answers = [], bytearray()
         for line in self._lines.feed(data):
             if self.open and line == frame_of(line):
-                self.counts["frames"] += 1
                 frames.append(line)
                 answers += OK
             elif line[:1] not in b"tTrR" and self._obey(line):
                 answers += OK
             else:
-                self.counts["refused"] += 1
                 answers += BELL
         return frames, bytes(answers)
 
@@ -113,17 +63,16 @@ class _Port:
 
 
 class CanHub:
-    """As many adapters as links, one bus; frames of one go to all others. `step` it over and over.
-
-    `unplug` and `plug` befall the first adapter.
+    """As many adapters as links, one bus; frames of one go to all others, one after the other. `step` it over
+    and over. `unplug` and `plug` befall the first adapter.
     """
 
     faults = "unplug", "plug"
 
     def __init__(self, links: Sequence[Path], bitrate: int = 1_000_000) -> None:
         self._ports = [_Port(link, bitrate) for link in links]
-        self.wire = CanWire(bitrate)
-        self._start_s = time.monotonic()
+        self._bitrate, self._free_s = bitrate, 0.0
+        self._on_wire = deque[tuple[float, int, bytes]]()  # (when it is complete, sender, frame)
 
     def provoke(self, fault: str) -> None:
         """`unplug` or `plug` the first adapter now."""
@@ -143,8 +92,10 @@ class CanHub:
                 frames, answers = port.adapter.receive(port.pty.read(0.0))
                 port.pty.write(answers)
                 for frame in frames:
-                    self.wire.offer(i, frame)
-        for sender, frame in self.wire.advance(self._now()):
+                    self._free_s = max(self._free_s, time.monotonic()) + frame_s(frame, self._bitrate)
+                    self._on_wire.append((self._free_s, i, frame))
+        while self._on_wire and self._on_wire[0][0] <= time.monotonic():
+            _, sender, frame = self._on_wire.popleft()
             for i, port in enumerate(self._ports):
                 if i != sender and port.adapter.open:
                     port.pty.write(frame + OK)
@@ -155,8 +106,5 @@ class CanHub:
 
     def _wait_s(self) -> float:
         """The time until the frame on the wire is complete."""
-        due_s = self.wire.next_s
-        return _WAIT_S if due_s is None else max(0.0, min(_WAIT_S, due_s - self._now()))
-
-    def _now(self) -> float:
-        return time.monotonic() - self._start_s
+        due_s = self._on_wire[0][0] - time.monotonic() if self._on_wire else _WAIT_S
+        return max(0.0, min(_WAIT_S, due_s))

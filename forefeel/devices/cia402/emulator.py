@@ -184,7 +184,7 @@ class DriveModel:
         self.objects = dict(OBJECTS)
         self.state = DriveState.DISABLED
         self.alarms: list[int] = []
-        self.stuck = self._limited = self._broken = False
+        self.stuck = self._broken = False
         self._control = 0
         self._target: int | None = None
         self._from_m = self._to_m = settings.start_m
@@ -222,12 +222,8 @@ class DriveModel:
             word |= _QUICK_STOP_OFF
         if self.state is DriveState.ENABLED and self.mode == cia402.CSP:
             word |= _FOLLOWS
-        if self._limited:
-            word |= cia402.LIMIT_ACTIVE
         if self.mode == cia402.HOMING:
             word |= self.homing.status
-        elif self._behind_s > 0.0:
-            word |= cia402.FOLLOWING_BIT
         return word
 
     # --- what it is told ---
@@ -264,9 +260,7 @@ class DriveModel:
         self._from_m = self._reference_m(t_s)[0]
         if self._target is not None and self.mode == cia402.CSP:
             low, high = objects[cia402.SOFT_LIMIT_LOW], objects[cia402.SOFT_LIMIT_HIGH]
-            kept = max(low, min(high, self._target))
-            self._limited = kept != self._target
-            self._to_m = self.origin_m + kept / self._counts_per_m
+            self._to_m = self.origin_m + max(low, min(high, self._target)) / self._counts_per_m
         self._period_s = objects[cia402.PERIOD_VALUE] * 10.0 ** objects[cia402.PERIOD_EXPONENT]
         self._synced_s = t_s
 

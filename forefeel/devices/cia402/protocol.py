@@ -40,8 +40,6 @@ STAY_IN_QUICK_STOP = 6
 # commands in the controlword, bits 0 to 3 (CiA 402)
 DISABLE_VOLTAGE, QUICK_STOP, SHUTDOWN, SWITCH_ON, ENABLE = 0x00, 0x02, 0x06, 0x07, 0x0F
 FAULT_RESET = 0x80  # bit 7 of the controlword: its rising edge resets a fault (CiA 402)
-# statusword (CiA 402): an internal limit is active; following error, in the cyclic mode of position
-LIMIT_ACTIVE, FOLLOWING_BIT = 1 << 11, 1 << 13
 
 NEGATIVE_SWITCH, POSITIVE_SWITCH = 17, 18
 """6098: onto that limit switch, then off it; its edge is the reference."""

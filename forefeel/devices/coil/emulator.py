@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from math import floor, inf
 from pathlib import Path
 
-from forefeel.common.errors import ConfigurationError
 from forefeel.common.messages import Grip
 from forefeel.devices.coil.protocol import (
     NAME,
@@ -21,11 +20,7 @@ from forefeel.devices.coil.protocol import (
     encode,
 )
 from forefeel.devices.coil.settings import CoilSettings
-from forefeel.devices.emulation.bench import (
-    Emulation,
-    SerialBench,
-    Surroundings,
-)
+from forefeel.devices.emulation.bench import Emulation, SerialBench, Surroundings
 from forefeel.devices.shared.settings import Sign
 from forefeel.devices.simulated.operator import Operator
 from forefeel.devices.simulated.settings import OperatorSettings
@@ -117,10 +112,8 @@ class CoilDevice:
                 self._hangs_until_s = self._next * _PERIOD_S + _HANG_S
             case "drive_fault":
                 self._flags |= Flag.OVERCURRENT
-            case "overrange" | "hot":
-                self._passing, self._passes_s = _PASSING[fault], self._next * _PERIOD_S + _PASSES_S
             case _:
-                raise ConfigurationError(f"{fault}: expected {', '.join(self.faults)} for a coil handle")
+                self._passing, self._passes_s = _PASSING[fault], self._next * _PERIOD_S + _PASSES_S
 
     def _identify(self, request: Identify, t_s: float) -> None:
         hardware = self.hardware

@@ -117,11 +117,7 @@ class PtyServer:
         return ("unplug", "plug", *self._device.faults)
 
     def provoke(self, fault: str) -> None:
-        """Begins a fault of the cable (`unplug`, `plug`) or of the device now.
-
-        Raises:
-            ConfigurationError: there is no such fault.
-        """
+        """Begins a fault of the cable (`unplug`, `plug`) or of the device now."""
         if fault == "unplug":
             self._pty.unplug()
         elif fault == "plug":

@@ -20,11 +20,7 @@ class EmulatedDevice(Protocol):
         ...
 
     def provoke(self, fault: str) -> None:
-        """Begins a fault of the device itself: `stuck`, `overrange`, `drive_fault`; `free` ends some.
-
-        Raises:
-            ConfigurationError: it has no such fault.
-        """
+        """Begins one of `faults`, of the device itself: `stuck`, `drive_fault`; `free` ends some."""
         ...
 
 

@@ -7,27 +7,18 @@ value carries the host's stamp.
 import threading
 import time
 from collections.abc import Callable, Iterator
-from typing import Generic, NamedTuple, TypeVar
 
 from forefeel.common.clock import Clock
 from forefeel.common.errors import DeviceError, InputError
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.runtime.realtime import go_before
 
-T = TypeVar("T")
 Steps = Iterator[float]
 """The steps of an exchange; each value: s until the next one."""
 RETRY_S = 0.5  # s from a fault to the next handshake
 _CYCLE_S = 0.1  # s, longest wait that is a cycle: it is kept while the exchange is brought to its end
 _STEPS = 10
 """Short and paced, so ahead of what computes in this process and in others, and behind the 1 kHz loop."""
-
-
-class Timed(NamedTuple, Generic[T]):
-    """A value, and when the host had it."""
-
-    host_ns: int
-    value: T
 
 
 class Conversation:

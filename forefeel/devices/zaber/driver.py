@@ -8,13 +8,13 @@ by itself.
 from collections import Counter, deque
 from collections.abc import Sequence
 from math import isfinite, nan
-from typing import NamedTuple
+from typing import Generic, NamedTuple, TypeVar
 
 from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.common.hardware.calibration import StageCalibration
 from forefeel.common.hardware.link import DeviceLink, LinkState
-from forefeel.devices.shared.conversation import Conversation, Steps, Timed
+from forefeel.devices.shared.conversation import Conversation, Steps
 from forefeel.devices.shared.stage import PositionScale, SetpointMailbox, Wanted, calibrated
 from forefeel.devices.shared.stream import SerialStream
 from forefeel.devices.zaber.protocol import (
@@ -22,9 +22,7 @@ from forefeel.devices.zaber.protocol import (
     DRIVER_OFF,
     SPEED_DATA,
     UNHOMED,
-    Alert,
     CommandEncoder,
-    Message,
     Parser,
     Reply,
     in_words,
@@ -32,6 +30,8 @@ from forefeel.devices.zaber.protocol import (
 )
 from forefeel.devices.zaber.settings import ZaberSettings
 from forefeel.slave.stage import StageReading, require_finite
+
+T = TypeVar("T")
 
 # --- Commands to a Zaber device and its replies, over a byte stream. One thread.
 _SLACK_S = 0.05  # of the device, the adapter and the host, beside the bytes' own time
@@ -41,6 +41,13 @@ _MOST_SILENT = 3  # unanswered exchanges in a row that are a fault
 # attempts at a command outside of the control loop: a second, as `_IDENTIFY_S` of a serial cell. Linux
 # carries a terminal's bytes by a worker of normal priority, which was seen 0.33 s late on a busy machine
 _MOST_ASKED = 20
+
+
+class Timed(NamedTuple, Generic[T]):
+    """A value, and when the host had it."""
+
+    host_ns: int
+    value: T
 
 
 class SilenceError(DeviceError):
@@ -115,7 +122,7 @@ class ZaberTalk:
 
         Raises:
             SilenceError: nothing came three times in a row (unless `patient`).
-            DeviceError: the device is gone; or an alert said that the axis has a fault.
+            DeviceError: the device is gone.
         """
         sent_ns, ids = self._clock.now_ns(), self.post(texts, axis)
         found = self._collect(ids, sent_ns)
@@ -136,34 +143,25 @@ class ZaberTalk:
         return [message_id for message_id, _ in lines]
 
     def _collect(self, ids: Sequence[int], sent_ns: int) -> dict[int, Timed[Reply]]:
+        """By message id, each stamped half way between question and answer."""
         wire_s = (self._sent + _USUAL_REPLY_BYTES * len(ids)) * self._byte_s
         deadline_ns = sent_ns + int((wire_s + _SLACK_S) * 1e9)
         found: dict[int, Timed[Reply]] = {}
         while len(found) < len(ids):
-            messages = self.parser.feed(self._stream.read())
+            replies = self.parser.feed(self._stream.read())
             now_ns = self._clock.now_ns()
-            for message in messages:
-                self._sort(message, ids, found, Timed((sent_ns + now_ns) // 2, message))
+            for reply in replies:
+                if reply.device != self._device:
+                    self.others.add(reply.device)
+                    self._counters["foreign"] += 1
+                elif reply.message_id is None or reply.message_id not in ids:
+                    self._counters["unexpected_replies"] += 1
+                else:
+                    found[reply.message_id] = Timed((sent_ns + now_ns) // 2, reply)
             if now_ns >= deadline_ns:
                 break
         self._count_dropped()
         return found
-
-    def _sort(
-        self, message: Message, ids: Sequence[int], found: dict[int, Timed[Reply]], timed: Timed[Message]
-    ) -> None:
-        """Replies to what was asked are stamped half way between question and answer."""
-        if message.device != self._device:
-            self.others.add(message.device)
-            self._counters["foreign"] += 1
-        elif isinstance(message, Reply) and message.message_id is not None and message.message_id in ids:
-            found[message.message_id] = Timed(timed.host_ns, message)
-        elif isinstance(message, Reply):
-            self._counters["unexpected_replies"] += 1
-        elif isinstance(message, Alert):
-            self._counters["alerts"] += 1
-            if message.axis == self._axis and is_fault(message.warning):
-                raise DeviceError(f"{self._name}: {in_words(message.warning)}, says an alert")
 
     def _count_dropped(self) -> None:
         fresh = self.parser.dropped - self._dropped

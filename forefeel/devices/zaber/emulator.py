@@ -1,7 +1,7 @@
 """An emulated Zaber stage that speaks ASCII, at the level of its bytes. Pure in time.
 
 It has what our driver and its calibration use: message ids, checksums where a command carries one, addresses
-and broadcast, `get` and `set`, `move abs`, `min` and `max`, `home`, `stop`, `warnings`, alerts; it rejects
+and broadcast, `get` and `set`, `move abs`, `min` and `max`, `home`, `stop`, `warnings`; it rejects
 with the device's reasons. The manufacturer's own library (`zaber-motion`) drives it, too.
 """
 
@@ -14,7 +14,6 @@ from enum import Enum, auto
 from math import copysign, sqrt
 from pathlib import Path
 
-from forefeel.common.errors import ConfigurationError
 from forefeel.devices.emulation.bench import TRAVEL_M, Emulation, SerialBench, Surroundings, moved
 from forefeel.devices.zaber.protocol import ACCELERATION_DATA, SPEED_DATA, WARNINGS, is_fault, lrc
 from forefeel.devices.zaber.settings import ZaberSettings
@@ -40,11 +39,10 @@ class ZaberAxis:
         limits: where it may go, in reported microsteps.
         flags: the warning flags that are set.
         stuck: whether something blocks it.
-        ended: called when a motion has ended.
     """
 
-    def __init__(self, limits: tuple[float, float], position: float, ended: Callable[[], None]) -> None:
-        self.limits, self.position, self.ended = limits, position, ended
+    def __init__(self, limits: tuple[float, float], position: float) -> None:
+        self.limits, self.position = limits, position
         self.velocity = self.change = self._reference = self._goal = self._stalled_s = 0.0
         self.maximum_speed = self.acceleration = self.homing_speed = 1.0
         self.flags: set[str] = set()
@@ -120,7 +118,6 @@ class ZaberAxis:
             self._reference = 0.0
             self.flags -= {"WR", "WH"}
         self.motion = AxisMode.IDLE
-        self.ended()
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +163,7 @@ class ZaberDevice:
         self.counts: Counter[str] = Counter()
         per_m = 1.0 / model.microstep_m
         low, high = (round(end_m * per_m) for end_m in model.limits_m)
-        self.axis = ZaberAxis((low, high), round(model.start_m * per_m), self._ended)
+        self.axis = ZaberAxis((low, high), round(model.start_m * per_m))
         if not model.homed:
             self.axis.lose_reference()
         self._steps = 0
@@ -174,7 +171,6 @@ class ZaberDevice:
         speed, acceleration = per_m * SPEED_DATA, per_m * ACCELERATION_DATA
         self._fixed = {"device.id": "50081", "system.serial": f"{model.serial}", "version": "7.10"}
         self._settings = {
-            "comm.alert": 0,
             "limit.approach.maxspeed": round(0.02 * speed),
             "maxspeed": round(0.05 * speed),
             "accel": round(acceleration),
@@ -227,11 +223,9 @@ class ZaberDevice:
                 self.axis.begin(AxisMode.STOP)
         elif fault in ("stuck", "free"):
             self.axis.stuck = fault == "stuck"
-        elif fault == "power_cycle":
+        else:
             self._partial = b""
             self.axis.lose_reference()
-        else:
-            raise ConfigurationError(f"fault {fault!r}: expected {', '.join(self.faults)} of a Zaber stage")
 
     def _live(self, t_s: float) -> None:
         while (self._steps + 1) * STEP_S <= t_s + 1e-9:
@@ -258,7 +252,11 @@ class ZaberDevice:
         except RejectedCommandError as reason:
             data, flag = str(reason), "RJ"
         said = "" if message_id is None else f"{message_id:02d} "
-        self._send(f"@{self.model.address:02d} {axis or 0} {said}{flag} {self._status()} {data}")
+        status = f"{'BUSY' if self.axis.busy else 'IDLE'} {(self._flags() or ['--'])[0]}"
+        answer = f"@{self.model.address:02d} {axis or 0} {said}{flag} {status} {data}".encode("ascii")
+        if self._settings.get("comm.checksum"):
+            answer += b":%02X" % lrc(answer[1:])
+        self._sent += answer + b"\r\n"
 
     def _do(self, axis: int, words: list[str]) -> str:
         if axis > 1:
@@ -270,19 +268,6 @@ class ZaberDevice:
 
     def _flags(self) -> list[str]:
         return sorted(self.axis.flags, key=_GRAVITY.index)
-
-    def _status(self) -> str:
-        return f"{'BUSY' if self.axis.busy else 'IDLE'} {(self._flags() or ['--'])[0]}"
-
-    def _send(self, text: str) -> None:
-        line = text.encode("ascii")
-        if self._settings.get("comm.checksum"):
-            line += b":%02X" % lrc(line[1:])
-        self._sent += line + b"\r\n"
-
-    def _ended(self) -> None:
-        if self._settings["comm.alert"]:
-            self._send(f"!{self.model.address:02d} 1 {self._status()}")
 
     # --- settings and motion ---
 

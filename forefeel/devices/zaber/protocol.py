@@ -3,8 +3,9 @@
 ```
 /1 1 07 move abs 1000:E9     command: device, axis, message id
 @01 1 07 OK BUSY -- 0:E0     reply: OK or RJ, BUSY or IDLE, the gravest warning flag, data
-!01 1 IDLE --:96             alert: a motion ended
 ```
+
+Alerts (`!`) say no more than the flag of the next reply: they are noise here.
 
 The two digits after the colon are the LRC: the two's complement of the sum of the bytes between the first
 character and the colon.
@@ -54,11 +55,8 @@ _ALSO_FAULTS = frozenset({"WL", "NC"}) | UNHOMED
 _MAX_LINE_BYTES = 256  # bytes of a line that are kept
 _MESSAGE_IDS = 100  # message ids: two digits, 00 to 99 (Zaber ASCII protocol manual)
 _ENDS = re.compile(rb"[\r\n]")
-_START = re.compile(rb"[@!]")
 _CHECKSUM = re.compile(rb":([0-9A-F]{2})\Z")
-_TEXT = rb"([\x20-\x7e]*)"
-_REPLY = re.compile(rb"@(\d\d) (\d)(?: (\d\d))? (OK|RJ) (BUSY|IDLE) (--|[A-Z0-9]{2})(?: " + _TEXT + rb")?\Z")
-_ALERT = re.compile(rb"!(\d\d) (\d) (BUSY|IDLE) (--|[A-Z0-9]{2})(?: " + _TEXT + rb")?\Z")
+_REPLY = re.compile(rb"@(\d\d) (\d)(?: (\d\d))? (OK|RJ) (BUSY|IDLE) (--|[A-Z0-9]{2})(?: ([\x20-\x7e]*))?\Z")
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,20 +70,6 @@ class Reply:
     busy: bool
     warning: str
     data: str
-
-
-@dataclass(frozen=True, slots=True)
-class Alert:
-    """What a device says by itself when a motion has ended."""
-
-    device: int
-    axis: int
-    busy: bool
-    warning: str
-    data: str
-
-
-Message = Reply | Alert
 
 
 def lrc(body: bytes) -> int:
@@ -124,7 +108,7 @@ class CommandEncoder:
 
 
 class Parser:
-    """Bytes to messages; starts anywhere, drops what is damaged, never raises, holds at most a line.
+    """Bytes to replies; starts anywhere, drops what is damaged, never raises, holds at most a line.
 
     Attributes:
         checksums: whether a line without a checksum is dropped; one with a wrong checksum always is.
@@ -136,20 +120,20 @@ class Parser:
         self.dropped: Counter[str] = Counter()
         self._partial = b""
 
-    def feed(self, data: bytes) -> list[Message]:
+    def feed(self, data: bytes) -> list[Reply]:
         *lines, partial = _ENDS.split(self._partial + data)
         if len(partial) > _MAX_LINE_BYTES:
             self.dropped["overlong"] += 1
             partial = b""
         self._partial = partial
-        return [found for line in lines if line and (found := self._message(line)) is not None]
+        return [found for line in lines if line and (found := self._reply(line)) is not None]
 
-    def _message(self, line: bytes) -> Message | None:
+    def _reply(self, line: bytes) -> Reply | None:
         """What a line holds; where its beginning is damaged, what begins within it."""
         if len(line) > _MAX_LINE_BYTES:
             self.dropped["overlong"] += 1
             return None
-        starts = [found.start() for found in _START.finditer(line)]
+        starts = [found.start() for found in re.finditer(b"@", line)]
         if not starts:
             self.dropped["noise"] += len(line)
             return None
@@ -170,8 +154,8 @@ class Parser:
             self.dropped["noise"] += len(before)
 
 
-def parse(line: bytes, checksums: bool) -> Message | str:
-    """One line without its end; `bad_checksum` or `malformed` if it is no message."""
+def parse(line: bytes, checksums: bool) -> Reply | str:
+    """One line without its end; `bad_checksum` or `malformed` if it is no reply."""
     found = _CHECKSUM.search(line)
     if found is not None:
         body = line[: found.start()]
@@ -181,30 +165,16 @@ def parse(line: bytes, checksums: bool) -> Message | str:
         return "bad_checksum"
     else:
         body = line
-    return _body(body) or "malformed"
-
-
-def _body(body: bytes) -> Message | None:
-    if reply := _REPLY.match(body):
-        device, axis, message_id, flag, status, warning, data = reply.groups()
-        return Reply(
-            int(device),
-            int(axis),
-            None if message_id is None else int(message_id),
-            flag == b"OK",
-            status == b"BUSY",
-            _warning(warning),
-            _text(data),
-        )
-    if alert := _ALERT.match(body):
-        device, axis, status, warning, data = alert.groups()
-        return Alert(int(device), int(axis), status == b"BUSY", _warning(warning), _text(data))
-    return None
-
-
-def _warning(found: bytes) -> str:
-    return "" if found == b"--" else found.decode("ascii")
-
-
-def _text(found: bytes | None) -> str:
-    return "" if found is None else found.decode("ascii")
+    reply = _REPLY.match(body)
+    if reply is None:
+        return "malformed"
+    device, axis, message_id, flag, status, warning, data = reply.groups(b"")
+    return Reply(
+        int(device),
+        int(axis),
+        int(message_id) if message_id else None,
+        flag == b"OK",
+        status == b"BUSY",
+        "" if warning == b"--" else warning.decode("ascii"),
+        data.decode("ascii"),
+    )
