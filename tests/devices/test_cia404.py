@@ -16,6 +16,7 @@ from forefeel.devices.canopen.network import acquire, release
 from forefeel.devices.cia404 import protocol as cia404
 from forefeel.devices.cia404.driver import Cia404LoadCell
 from forefeel.devices.cia404.emulator import SERIAL
+from forefeel.devices.shared.force_scale import ForceScale, StuckWatch
 from tests.devices.can_rig import CELL, cell_settings, new_channel, rigged
 from tests.devices.test_cia402_stage import without
 
@@ -86,9 +87,7 @@ def test_calibration_scales_and_must_be_of_this_cell(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changed", "unit", "missing", "says"),
     [
-        ({}, 0xFA010100, 0, r"unit FA010100 .*expected newtons"),
-        ({"full_scale_native": 2000.0}, 0xFA010100, 0, "unit FA010100 .*without calibration"),
-        ({"full_scale_native": 2000.0}, None, 0, r"full_scale_native = 2000.0; expected newtons"),
+        ({}, STRAIN, 0, r"unit FA010100 .*expected newtons"),
         ({"node_id": 5}, None, 0, "a CiA 402 device, expected CiA 404"),
         ({}, None, cia404.UNIT.index, r"reading 6131:01 is refused \(Code"),
     ],
@@ -134,7 +133,7 @@ def believed(driver: Cia404LoadCell, values: list[float], statuses: list[int]) -
     driver.link.begin()
     for state in (LinkState.OPEN, LinkState.IDENTIFIED, LinkState.CONFIGURED, LinkState.READY):
         driver.link.advance(state)
-    driver._force = driver._scaled(1.0)
+    driver._force = ForceScale(10.0, 1, 1.0, None, StuckWatch(noisy=False), driver.link.counters)
     found = []
     for n, pair in enumerate(zip(values, statuses, strict=True)):
         driver._clock = VirtualClock(n * 4_000_000)

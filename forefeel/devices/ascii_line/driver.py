@@ -10,10 +10,7 @@ from forefeel.devices.shared.force_scale import ForceScale, Native, StuckWatch
 from forefeel.devices.shared.serial_cell import Cell, SerialLoadCell
 
 _BITS = 10  # start, eight data bits, stop
-# ns after a carriage return before the first request, and after an answer before the cell counts as one that
-# does not stream
-_QUIET_NS = 100_000_000
-_UNANSWERED_NS = 300_000_000  # ns after which the first request is repeated
+_QUIET_NS = 100_000_000  # ns after a carriage return before the first request
 _LEAST_ANSWER_NS = 40_000_000  # ns, least time that a cell has for its answer
 _RETURN = b"\r"
 
@@ -41,21 +38,19 @@ class AsciiLineLoadCell(SerialLoadCell[AsciiLineSettings]):
         return ForceScale(s.full_scale_n, s.sign, unit_n, calibration, watch, self.link.counters)
 
 
-class AsciiCell:
+class AsciiCell(Cell):
     """The protocol of a cell that prints a number a line.
 
-    Where the settings have a request, a carriage return first ends a stream that may still run. The first
-    request shows whether the cell answers it once or begins to stream; a cell that answers once is asked once
-    a period.
+    Where the settings have a request, a carriage return first ends a stream that may still run; then the cell
+    is asked once a period.
     """
 
     def __init__(self, settings: AsciiLineSettings, counters: Counter[str]) -> None:
-        self.settle_s = 0.0 if settings.request is None else (_QUIET_NS + _UNANSWERED_NS) * 1e-9
-        self._request = None if settings.request is None else settings.request.encode("ascii", "replace")
-        if self._request is not None and not self._request.endswith((b"\r", b"\n")):
-            self._request += _RETURN
-        asked = "" if settings.request is None else f", asked by {settings.request!r},"
-        self.wait_s = 0.02 if settings.request is None else min(0.02, 0.25 / settings.rate_hz)
+        self._request, asked = b"", ""
+        if settings.request is not None:
+            self._request = settings.request.encode("ascii", "replace") + _RETURN
+            asked = f", asked by {settings.request!r},"
+            self.settle_s, self.wait_s = _QUIET_NS * 1e-9, min(0.02, 0.25 / settings.rate_hz)
         self.expected = f"lines of numbers{asked} at {settings.baud} baud"
         self._ends = COUNTS_RANGE if settings.unit == "counts" else ()
         self.counters = counters
@@ -68,8 +63,7 @@ class AsciiCell:
         self._stamp_ns: int | None = None
         self._quiet_ns: int | None = None
         self._asked_ns: int | None = None
-        self._outstanding, self._answers = False, 0
-        self._streams: bool | None = True if self._request is None else None
+        self._outstanding = False
 
     @property
     def measured_hz(self) -> float | None:
@@ -84,51 +78,37 @@ class AsciiCell:
     # --- asking ---
 
     def due(self, now_ns: int) -> bytes:
-        if self._request is None or self._streams:
+        if not self._request:
             return b""
         if self._quiet_ns is None:
             self._quiet_ns = now_ns + _QUIET_NS
             return _RETURN
-        if now_ns < self._quiet_ns or not self._may_ask(now_ns):
-            return b""
-        late = self._asked_ns is None or now_ns - self._asked_ns >= 2 * self._period_ns
-        self._asked_ns = now_ns if late or self._asked_ns is None else self._asked_ns + self._period_ns
-        self.counters["unanswered"] += self._outstanding
-        self._outstanding, self._answers = True, 0
-        return self._request
-
-    def _may_ask(self, now_ns: int) -> bool:
         if self._asked_ns is None:
+            if now_ns < self._quiet_ns:
+                return b""
             self._parser.begin()
-            return True
-        since_ns = now_ns - self._asked_ns
-        if self._streams is None:
-            if self._answers and since_ns >= max(_QUIET_NS, 3 * self._period_ns):
-                self._streams = False
-            return (not self._outstanding and self._streams is False) or since_ns >= _UNANSWERED_NS
-        if self._outstanding:
-            return since_ns >= max(2 * self._period_ns, _LEAST_ANSWER_NS)
-        return since_ns >= self._period_ns
+            self._asked_ns = now_ns
+        else:
+            since_ns, twice_ns = now_ns - self._asked_ns, 2 * self._period_ns
+            if since_ns < (max(twice_ns, _LEAST_ANSWER_NS) if self._outstanding else self._period_ns):
+                return b""
+            self._asked_ns = now_ns if since_ns >= twice_ns else self._asked_ns + self._period_ns
+        self.counters["unanswered"] += self._outstanding
+        self._outstanding = True
+        return self._request
 
     # --- hearing ---
 
     def take(self, data: bytes, now_ns: int) -> list[Native]:
-        if self._request is not None and self._asked_ns is None:
+        if self._request and self._asked_ns is None:
             return []  # what it still says before it is asked
         lines = self._parser.feed(data)
         if lines:
             self._outstanding = False
-            self._answers += len(lines)
-            if self._streams is None and self._answers > 1:
-                self._streams = True
         return [
             self._native(line, now_ns - (len(lines) - 1 - at) * self._period_ns, now_ns)
             for at, line in enumerate(lines)
         ]
-
-    def farewell(self) -> bytes:
-        """Ends the stream that was asked for."""
-        return _RETURN if self._request is not None and self._streams else b""
 
     def _native(self, line: AsciiReading, arrived_ns: int, now_ns: int) -> Native:
         """The line began to arrive before it was complete; lines that came at once are a period apart."""

@@ -9,14 +9,13 @@ from forefeel.devices.ascii_line.settings import AsciiLineSettings
 from forefeel.devices.emulation.bench import NOISE_N, Emulation, SerialBench, Surroundings, felt
 from forefeel.devices.emulation.sensing import FAULTS, EmulatedSensor, Sensing
 
-_STREAM = "O0W0"  # Loadstar's command for a stream of readings, which a carriage return ends
 _COUNTS_PER_N, _ZERO_COUNTS = 200_000.0, 84_000
 _LONGEST_COMMAND_BYTES = 64  # bytes of a command that are kept
 
 
 class EmulatedLineCell:
-    """Prints by itself where it has no `request`. Else `O0W0` begins a stream, any other request asks for one
-    reading, and a carriage return that ends no command ends a stream and is answered with `A`.
+    """Prints by itself where it has no `request`. Else that asks for one reading, and a carriage return that
+    ends no command is answered with `A`.
     """
 
     faults = FAULTS
@@ -26,7 +25,7 @@ class EmulatedLineCell:
     ) -> None:
         self._sensor, self._unit, self._request = EmulatedSensor(sensing, feel), unit, request
         self._command, self._out = bytearray(), bytearray()
-        self._streaming, self._force_n = request is None, 0.0
+        self._force_n = 0.0
 
     def receive(self, data: bytes, t_s: float) -> None:
         self._live(t_s)
@@ -49,16 +48,15 @@ class EmulatedLineCell:
     def _live(self, t_s: float) -> None:
         for _, force_n in self._sensor.due(t_s):
             self._force_n = force_n
-            if self._streaming:
+            if self._request is None:
                 self._out += self._line()
 
     def _obey(self, command: str) -> None:
         if self._request is None:
             return
-        self._streaming = command == self._request == _STREAM
         if not command:
             self._out += b"A\r\n"
-        elif command == self._request and not self._streaming:
+        elif command == self._request:
             self._out += self._line()
 
     def _line(self) -> bytes:

@@ -1,8 +1,8 @@
 """Load cells that print one number a line. Pure.
 
-`newton`: any cell; `millipound_force`: Loadstar iLoad (`O0W1` and a carriage return ask for one reading,
-`O0W0` for a stream of them that a carriage return ends); `counts`: an HX711 behind a microcontroller, as its
-usual sketches print it, with or without a label (`HX711 reading: 8400`).
+`newton`: any cell; `millipound_force`: Loadstar iLoad (`O0W1` and a carriage return ask for one reading);
+`counts`: an HX711 behind a microcontroller, as its usual sketches print it, with or without a label
+(`HX711 reading: 8400`).
 
 The lines carry no checksum: a digit that became another digit on the wire can not be told from a measurement.
 """

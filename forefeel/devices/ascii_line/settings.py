@@ -4,31 +4,26 @@ from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
-from forefeel.common.hardware.calibration import CellScale, Serial
-from forefeel.common.settings import ExistingFile
+from forefeel.common.hardware.calibration import CellScale
 from forefeel.devices.ascii_line.protocol import NEWTON_PER_UNIT, Unit
-from forefeel.devices.shared.settings import SerialSettings, Sign
-from forefeel.slave.load_cell import FullScale, LoadCellDriverSettings, Native
+from forefeel.devices.shared.settings import SerialCellSettings
+from forefeel.slave.load_cell import Native
 
 
-class AsciiLineSettings(SerialSettings, LoadCellDriverSettings):
+class AsciiLineSettings(SerialCellSettings):
     """A load cell that prints one number a line: `newton`, `millipound_force` (Loadstar) or `counts` (HX711).
 
-    `request`: what asks for a reading (Loadstar: `O0W1`) or begins a stream of them (`O0W0`), without the
-    carriage return; null when the cell streams by itself. Counts need a calibration, and
-    `full_scale_native`: by how many the reading rises from no load to `full_scale_n`, by the data sheets.
+    `request`: what asks for a reading (Loadstar: `O0W1`), without the carriage return; null when the cell
+    streams by itself. Counts need a calibration, and `full_scale_native`: by how many the reading rises from
+    no load to `full_scale_n`, by the data sheets.
     """
 
     driver: Literal["ascii_line"]
     baud: Annotated[int, Field(ge=300, le=12_000_000)] = 9600
     unit: Unit = "newton"
     request: Annotated[str, Field(max_length=32)] | None = None
-    sign: Sign = 1
-    full_scale_n: FullScale
     full_scale_native: Native | None = None
     rate_hz: Annotated[float, Field(ge=1, le=2000)] = 80.0
-    serial: Serial | None = None
-    calibration: ExistingFile | None = None
 
     @model_validator(mode="after")
     def _scale_is_known_once(self) -> Self:

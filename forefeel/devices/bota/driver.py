@@ -30,10 +30,8 @@ class BotaSerialLoadCell(SerialLoadCell[BotaSettings]):
         )
 
 
-class BotaCell:
+class BotaCell(Cell):
     """The protocol of a Bota cell: a measurement is the configured component of a frame, in N."""
-
-    settle_s, wait_s = 0.0, 0.02
 
     def __init__(self, settings: BotaSettings, counters: Counter[str]) -> None:
         self.expected = f"Bota frames at {settings.baud} baud"
@@ -54,9 +52,6 @@ class BotaCell:
         step_us = median(self._steps_us)
         return 1e6 / step_us if step_us else inf
 
-    def due(self, now_ns: int) -> bytes:
-        return b""
-
     def take(self, data: bytes, now_ns: int) -> list[Native]:
         frames = self._parser.feed(data)
         if not frames:
@@ -67,9 +62,6 @@ class BotaCell:
             self._last_us = frame.t_us
         stamps = self._time.stamps([frame.t_us for frame in frames], now_ns)
         return [self._native(frame, stamp_ns) for frame, stamp_ns in zip(frames, stamps, strict=True)]
-
-    def farewell(self) -> bytes:
-        return b""
 
     def _native(self, frame: BotaFrame, stamp_ns: int) -> Native:
         force_n = frame[self._component]

@@ -20,18 +20,16 @@ _OPEN_S = 5.0  # s for the handshake
 _RANK = 0  # of who sends SYNC on a shared bus: a drive, of rank 1, goes before
 # periods without a TPDO that are a fault, but at least so many s (docs/decisions/0014)
 _SILENT_PERIODS, _SILENT_S = 10, 0.05
-_COUNTS_PER_UNIT = 1e6  # `raw_counts` of a unit that is no force
 
 
 class Cia404LoadCell(QueuedLoadCell):
     """Load-cell port on a CANopen transducer: one reading for each TPDO, at SYNC.
 
     SYNC comes from the stage's driver where one shares the bus, else from here. Tare and scale are of the
-    calibration; without one the unit of the device counts. `raw_counts`: micro-newtons, or millionths of a
-    unit that is no force.
+    calibration; without one the unit of the device counts.
 
     Attributes:
-        scale: by the device's unit, else by the settings; None before it is open.
+        scale: by the device's unit; None before it is open.
 
     Raises:
         DeviceError: the device is silent, reports an emergency, or the bus is gone.
@@ -62,52 +60,27 @@ class Cia404LoadCell(QueuedLoadCell):
 
     def _set_up(self, device: RemoteDevice) -> None:
         device.introduce(cia404.PROFILE)
-        self._scale(device, self.link.serial)
+        self._scale(device)
         for number in (2, 3, 4):
             device.offer(*pdo_off(True, number, self._settings.node_id))
         device.write_all(self._pdo.parameters())
         device.order(START)
         self.link.advance(LinkState.CONFIGURED)
 
-    def _scale(self, device: RemoteDevice, serial: str) -> None:
-        given, full_scale_n = self._settings.scale, self._settings.full_scale_n
-        code = int(device.read(cia404.UNIT, None if given is None else 0))
+    def _scale(self, device: RemoteDevice) -> None:
+        s, code = self._settings, int(device.read(cia404.UNIT))
         unit_n = cia404.newton_per_unit(code)
-        if (unit_n is None) is (given is None):
-            native = self._settings.full_scale_native
+        if unit_n is None:
             raise DeviceSetupError(
-                f"{device.name}: unit {code:08X} (6131) with full_scale_native = {native}; expected newtons "
-                f"({cia404.NEWTON:08X}) without it, or another unit and its number at full_scale_n"
+                f"{device.name}: unit {code:08X} (6131); expected newtons ({cia404.NEWTON:08X}): set it with "
+                "its maker's tool"
             )
-        scale = self.scale = given if unit_n is None else CellScale(unit_n, full_scale_n)
-        assert scale is not None, "one of the two is there"
-        path = self._settings.calibration
-        if self._native:
-            self._force = self._scaled(scale.newton_per_native)
-            return
-        if path is not None:
-            about = self._settings.driver, serial, date.today(), scale
-            self.calibration = load_cell_calibration(path, *about)
-        elif unit_n is None:
-            raise DeviceSetupError(
-                f"{device.name}: unit {code:08X} (6131) without calibration; expected a file of "
-                "`forefeel calibrate load-cell`"
-            )
-
-        self._force = self._scaled(unit_n)
-
-    def _scaled(self, newton_per_native: float | None) -> ForceScale:
-        s = self._settings
-        watch, calibration = StuckWatch(noisy=False), None if self._native else self.calibration
-        return ForceScale(
-            s.full_scale_n,
-            s.sign,
-            newton_per_native,
-            calibration,
-            watch,
-            self.link.counters,
-            _COUNTS_PER_UNIT,
-        )
+        self.scale = CellScale(unit_n, s.full_scale_n)
+        if s.calibration is not None and not self._native:
+            about = s.driver, self.link.serial, date.today(), self.scale
+            self.calibration = load_cell_calibration(s.calibration, *about)
+        watch = StuckWatch(noisy=False)
+        self._force = ForceScale(s.full_scale_n, s.sign, unit_n, self.calibration, watch, self.link.counters)
 
     def _exchange(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> Steps:
         alarm = EMERGENCY + device.node

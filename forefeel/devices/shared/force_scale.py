@@ -76,15 +76,12 @@ class ForceScale:
         calibration: LoadCellCalibration | None,
         stuck: StuckWatch,
         counters: Counter[str],
-        counts_per_native: float = 1.0,
     ) -> None:
-        """`newton_per_native`: None where the unit is no force: without a calibration 0 N, and the raw counts
-        are `counts_per_native` times the value.
-        """
+        """`newton_per_native`: None where the cell counts: 0 N without a calibration."""
         self.counters = counters
         self._full_scale_n, self._sign = full_scale_n, sign
         self._newton_per_native, self._calibration = newton_per_native, calibration
-        self._stuck, self._counts_per_native = stuck, counts_per_native
+        self._stuck = stuck
 
     def checked(self, native: Native) -> Native:
         """With the flaws that only show beside the full scale and the measurements before; each counted."""
@@ -101,8 +98,7 @@ class ForceScale:
     def reading(self, checked: Native) -> LoadCellReading:
         """What the control loop gets: finite, never more than the full scale."""
         force_n, raw_n = self._forces(checked.value)
-        known = self._newton_per_native is not None
-        counts = raw_n * _MICRONEWTON_PER_N if known else checked.value * self._counts_per_native
+        counts = checked.value if self._newton_per_native is None else raw_n * _MICRONEWTON_PER_N
         return LoadCellReading(
             within(force_n, self._full_scale_n),
             round(within(counts, _MAX_COUNTS)),

@@ -1,21 +1,19 @@
 """What load cells on a serial port share: handshake, the thread that reads, silence, faults, re-arming."""
 
-from contextlib import suppress
 from datetime import date
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, TypeVar
 
 from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import DeviceError, DeviceSetupError, InputError
 from forefeel.common.hardware.calibration import LoadCellCalibration, load_cell_calibration
 from forefeel.common.hardware.link import DeviceLink, LinkState
-from forefeel.devices.ascii_line.settings import AsciiLineSettings
-from forefeel.devices.bota.settings import BotaSettings
 from forefeel.devices.shared.conversation import Conversation, Steps
 from forefeel.devices.shared.force_scale import ForceScale, Native
 from forefeel.devices.shared.load_cell import QueuedLoadCell
+from forefeel.devices.shared.settings import SerialCellSettings
 from forefeel.devices.shared.stream import SerialStream, port_serial
 
-S = TypeVar("S", BotaSettings, AsciiLineSettings)
+S = TypeVar("S", bound=SerialCellSettings)
 
 _IDENTIFY_S = 1.0  # s for the first reading, beyond what the cell says of itself and two periods
 _RATE_TOLERANCE = 0.1  # share by which the measured rate may differ from `rate_hz`
@@ -23,7 +21,7 @@ _RATE_TOLERANCE = 0.1  # share by which the measured rate may differ from `rate_
 _LEAST_SILENCE_S = 0.05
 
 
-class Cell(Protocol):
+class Cell:
     """What a cell says from one handshake to the next, as measurements. No I/O; time is an argument.
 
     Attributes:
@@ -34,16 +32,18 @@ class Cell(Protocol):
     """
 
     expected: str
-    wait_s: float
-    settle_s: float
     measure_s: float
+    wait_s, settle_s = 0.02, 0.0
 
     @property
     def measured_hz(self) -> float | None:
         """Its rate; None until there are enough measurements."""
-        ...
+        raise NotImplementedError
 
-    def due(self, now_ns: int) -> bytes: ...
+    def due(self, now_ns: int) -> bytes:
+        """What it is to be sent now."""
+        del now_ns
+        return b""
 
     def take(self, data: bytes, now_ns: int) -> list[Native]:
         """The measurements in what came, oldest first.
@@ -51,9 +51,7 @@ class Cell(Protocol):
         Raises:
             DeviceError: the cell was reset.
         """
-        ...
-
-    def farewell(self) -> bytes: ...
+        raise NotImplementedError
 
 
 class SerialLoadCell(QueuedLoadCell, Generic[S]):
@@ -100,8 +98,6 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
             yield from self._identified(conversation, stream, cell)
             yield from self._at_its_rate(conversation, stream, cell)
             yield from self._exchange(conversation, stream, cell)
-            with suppress(DeviceError):
-                stream.write(cell.farewell())
         finally:
             stream.close()
 

@@ -5,7 +5,9 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from forefeel.common.config import Settings
+from forefeel.common.hardware.calibration import CellScale, Serial
 from forefeel.common.settings import ExistingFile
+from forefeel.slave.load_cell import FullScale, LoadCellDriverSettings
 from forefeel.slave.stage import StageDriverSettings, Travel
 
 Sign = Literal[1, -1]
@@ -32,6 +34,28 @@ class CanSettings(Settings):
 
 NodeId = Annotated[int, Field(ge=1, le=126)]
 """Of a CANopen device; 127 is the host's heartbeat."""
+
+
+class CellSettings(LoadCellDriverSettings):
+    """Base of the settings of load cells with hardware."""
+
+    sign: Sign = 1
+    full_scale_n: FullScale
+    calibration: ExistingFile | None = None
+
+
+class SerialCellSettings(SerialSettings, CellSettings):
+    """Base of the settings of load cells on a serial port. `rate_hz`: what the cell is set to; `serial`: the
+    number on its label, where its port has none.
+    """
+
+    serial: Serial | None = None
+    rate_hz: Annotated[float, Field(ge=1, le=2000)]
+
+    @property
+    def scale(self) -> CellScale:
+        """By the data sheet."""
+        return CellScale(1.0, self.full_scale_n)
 
 
 class ScaledStageSettings(StageDriverSettings):
