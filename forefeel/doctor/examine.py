@@ -1,7 +1,9 @@
 """Every check, in the order of the list."""
 
+import platform
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 from typing import Literal, cast
 
@@ -30,7 +32,6 @@ _GOOD_US, _POOR_US = 250.0, 1000.0  # lateness at the 99th percentile: a quarter
 _MANY_MISSED = 0.01  # share of ticks
 _GOOD_NS, _ACCEPTABLE_NS = 1_000_000, 10_000_000  # uncertainty of the clocks' offset
 _PLENTY_BYTES, _LEAST_BYTES = 2e9, 200e6  # a recording takes about 1 GB an hour
-_OLDEST_PYTHON, _NEWEST_TRIED_PYTHON = (3, 11), (3, 13)
 _EVERYWHERE = {"0.0.0.0", "[::]", "::"}
 _THIS_HOST = {"127.0.0.1", "[::1]", "::1", "localhost"}
 _PERMISSION = (
@@ -76,7 +77,8 @@ def examine(
         state = state_path(settings, role, environment)
         findings += check_devices(role, settings, host.running(state), host)
         findings += check_disk(state, host)
-    findings += check_versions(host)
+    versions = f"{metadata.version('forefeel')}, Python {platform.python_version()}"
+    findings.append(Finding("versions", "forefeel", "green", versions))
     progress(f"real time, {LOOP_S:g} s")
     priority = max((each.realtime.priority for each in ends.values()), default=_NO_FILE_PRIORITY)
     return [*findings, *check_loop(host.loop(priority, LOOP_S), priority)]
@@ -215,14 +217,8 @@ def _judged_clock(state: ClockState) -> Finding:
 def check_devices(
     role: Role, settings: DaemonSettings, process: int | None, host: HostProbe
 ) -> Iterator[Finding]:
-    """Ports, CAN interfaces and, unless their daemon runs, the devices themselves; nothing is moved."""
-    devices = configured(settings)
-    for port in dict.fromkeys(device.serial_port for device in devices if device.serial_port):
-        yield _judged_port(port, host)
-    for can in dict.fromkeys(getattr(device.settings, "can", None) for device in devices):
-        if can is not None and can.interface == "socketcan":
-            yield _judged_can(str(can.channel), int(can.bitrate), host)
-    real = [device for device in devices if device.settings.hardware]
+    """The devices themselves, unless their daemon runs; nothing is moved."""
+    real = [device for device in configured(settings) if device.settings.hardware]
     if not real:
         yield Finding("devices", f"{role}'s devices", "green", "all simulated")
     elif process is not None:
@@ -232,41 +228,13 @@ def check_devices(
         yield from (_judged_device(device, host.probe(device)) for device in real)
 
 
-def _judged_port(path: str, host: HostProbe) -> Finding:
-    port = host.port(path)
-    if not port.exists:
-        advice = "plug it in; forefeel devices lists what there is"
-        return Finding("devices", path, "red", "no such port", advice)
-    if not port.permitted:
-        advice = f"usermod -aG {port.group} USER, then log in again; deploy/udev makes it so for USB"
-        return Finding("devices", path, "red", "this user may not open it", advice)
-    if port.warning:
-        return Finding("devices", path, "amber", port.warning, "install deploy/udev/99-forefeel.rules")
-    return Finding("devices", path, "green", "may be opened")
-
-
-def _judged_can(name: str, wanted: int, host: HostProbe) -> Finding:
-    interface = host.can_interface(name)
-    if interface is None:
-        advice = "plug it in; ip link shows what there is"
-        return Finding("devices", name, "red", "no such CAN interface", advice)
-    if not interface.up:
-        return Finding("devices", name, "red", "down", interface.advice or "")
-    bitrate = host.can_bitrate(name)
-    if bitrate is None:
-        found = f"up, bitrate unknown, expected {wanted}"
-        return Finding("devices", name, "amber", found, f"ip -details link show {name}")
-    if bitrate != wanted:
-        advice = f"as root: ip link set {name} down, then up type can bitrate {wanted} restart-ms 100"
-        return Finding("devices", name, "red", f"bitrate {bitrate}, expected {wanted}", advice)
-    return Finding("devices", name, "green", f"up, bitrate {bitrate}")
-
-
 def _judged_device(device: ConfiguredDevice, found: Probed) -> Finding:
     subject, error = f"{device.name}, {device.driver.name}", found.error or "failed"
     if found.verdict == "ready" and found.invalid:
         advice = f"forefeel device probe --config FILE shows what is counted at {found.where}"
         return Finding("devices", subject, "amber", f"answers; {found.invalid} readings not valid", advice)
+    if found.verdict == "ready" and found.warning:
+        return Finding("devices", subject, "amber", found.warning, "install deploy/udev/99-forefeel.rules")
     if found.verdict == "ready":
         trip = "" if found.round_trip is None else f", round trip p99 {found.round_trip.p99_ms:.2g} ms"
         rate = "" if found.rate_hz is None else f", {found.rate_hz:.4g} Hz"
@@ -295,22 +263,6 @@ def check_disk(folder: Path, host: HostProbe) -> Iterator[Finding]:
     level = "green" if free >= _PLENTY_BYTES else "amber" if free >= _LEAST_BYTES else "red"
     advice = "" if level == "green" else "make room: an hour of recording takes about 1 GB"
     yield Finding("disk", "free space", level, f"{free / 1e9:.1f} GB at {folder}", advice)
-
-
-def check_versions(host: HostProbe) -> Iterator[Finding]:
-    found = host.versions()
-    python = ".".join(map(str, found.python))
-    if found.python[:2] < _OLDEST_PYTHON:
-        yield Finding("versions", "Python", "red", python, "Python 3.11 or newer")
-    elif found.python[:2] > _NEWEST_TRIED_PYTHON:
-        yield Finding("versions", "Python", "amber", f"{python}, newer than what this was tried with", "3.11")
-    else:
-        yield Finding("versions", "Python", "green", python)
-    if found.own is None:
-        advice = "pip install -e . in the checkout"
-        yield Finding("versions", "forefeel", "amber", "runs without being installed", advice)
-    else:
-        yield Finding("versions", "forefeel", "green", found.own)
 
 
 def check_loop(loop: LoopCheck, priority: int) -> Iterator[Finding]:

@@ -1,18 +1,13 @@
 """What the doctor asks the host for. Nothing stays changed, and no device is moved."""
 
-import grp
-import json
 import os
 import shutil
 import stat
-import subprocess
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
-from importlib import metadata
 from pathlib import Path
 
 from forefeel.common.bus import Bus
@@ -26,9 +21,7 @@ from forefeel.common.topics import MASTER_STATE, SLAVE_STATE
 from forefeel.common.transport.security import Party, PartyFiles
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
-from forefeel.devices.shared.stream import latency_warning
 from forefeel.probe.configured import ConfiguredDevice
-from forefeel.probe.ports import CanInterface, can_interfaces
 from forefeel.probe.probe import Probed, probe
 from forefeel.reachability import Reached, reach
 
@@ -70,30 +63,12 @@ class Heard:
 
 
 @dataclass(frozen=True, slots=True)
-class Port:
-    """A serial port. `group`: whose members may open it; `warning`: of a slow latency timer."""
-
-    exists: bool
-    permitted: bool = False
-    group: str = ""
-    warning: str = ""
-
-
-@dataclass(frozen=True, slots=True)
 class Disk:
     """Where a folder is or is going to be; `mode`: its permissions, None where it is not there yet."""
 
     writable: bool
     mode: int | None
     free_bytes: float
-
-
-@dataclass(frozen=True, slots=True)
-class Versions:
-    """Of Python, and of forefeel (None: not installed)."""
-
-    python: tuple[int, int, int]
-    own: str | None
 
 
 class HostProbe:
@@ -145,31 +120,6 @@ class HostProbe:
             zenoh.close()
         return Heard([newest[key] for key in sorted(newest)], hint)
 
-    def port(self, path: str) -> Port:
-        """As the file system and the kernel show it; it is not opened."""
-        try:
-            found = Path(path).stat()
-        except OSError:
-            return Port(exists=False)
-        try:
-            group = grp.getgrgid(found.st_gid).gr_name
-        except KeyError:
-            group = str(found.st_gid)
-        permitted = stat.S_ISCHR(found.st_mode) and os.access(path, os.R_OK | os.W_OK)
-        return Port(True, permitted, group, latency_warning(path) or "")
-
-    def can_interface(self, name: str) -> CanInterface | None:
-        return next((each for each in can_interfaces() if each.name == name), None)
-
-    def can_bitrate(self, name: str) -> int | None:
-        """None: unknown, or a virtual interface."""
-        command = ["ip", "-json", "-details", "link", "show", "dev", name]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=2, check=False)
-            return int(json.loads(done.stdout)[0]["linkinfo"]["info_data"]["bittiming"]["bitrate"])
-        except (OSError, subprocess.TimeoutExpired, ValueError, LookupError, TypeError):
-            return None
-
     def probe(self, device: ConfiguredDevice) -> Probed:
         """Listens to the device for 0.3 s."""
         return probe(device, 0.3, MonotonicClock())
@@ -180,10 +130,3 @@ class HostProbe:
             place = place.parent
         mode = stat.S_IMODE(folder.stat().st_mode) if place == folder else None
         return Disk(os.access(place, os.W_OK | os.X_OK), mode, shutil.disk_usage(place).free)
-
-    def versions(self) -> Versions:
-        try:
-            own = metadata.version("forefeel")
-        except metadata.PackageNotFoundError:
-            own = None
-        return Versions(sys.version_info[:3], own)

@@ -11,7 +11,7 @@ from rich.text import Text
 from serial.tools import list_ports
 
 from forefeel.common.hardware.driver import every_driver
-from forefeel.devices.shared.stream import latency_timer_ms, latency_warning
+from forefeel.devices.shared.stream import latency_warning
 from forefeel.terminal import answer, table
 
 _BY_ID = Path("/dev/serial/by-id")
@@ -30,7 +30,6 @@ class SerialPort:
     product_id: int | None
     serial: str | None
     description: str
-    latency_ms: int | None
     advice: str | None
 
     @property
@@ -66,7 +65,6 @@ def serial_ports(by_id: Path = _BY_ID) -> list[SerialPort]:
                 each.pid,
                 each.serial_number,
                 " ".join(str(words).split()),
-                latency_timer_ms(device),
                 latency_warning(device),
             )
         )
@@ -141,9 +139,8 @@ def _drivers() -> Table:
 
 
 def _ports(serial: list[SerialPort]) -> Table:
-    made = table("port", "stable name", "USB", "serial", "what", "latency", title="Serial ports")
+    made = table("port", "stable name", "USB", "serial", "what", title="Serial ports")
     for port in serial:
-        latency = "" if port.latency_ms is None else f"{port.latency_ms} ms"
-        row = (port.device, port.stable or "", port.usb or "", port.serial or "", port.description, latency)
+        row = port.device, port.stable or "", port.usb or "", port.serial or "", port.description
         made.add_row(*(Text(cell) for cell in row))
     return made

@@ -15,6 +15,7 @@ from forefeel.common.clock import MonotonicClock, SleepingClock
 from forefeel.common.errors import DeviceError, ForefeelError, InputError, RunError
 from forefeel.common.hardware.link import DeviceLink
 from forefeel.daemon_settings import load_daemon
+from forefeel.devices.shared.stream import latency_warning
 from forefeel.interrupt import breakable
 from forefeel.probe.configured import ConfiguredDevice, configured
 from forefeel.terminal import answer, show
@@ -32,7 +33,8 @@ class Quantiles:
 @dataclass(frozen=True, slots=True)
 class Probed:
     """What was found. `rate_hz`: readings or exchanges a second; `round_trip`: from question to answer;
-    `age`: of a reading when the 1 kHz loop gets it. None: the device does not let one measure it.
+    `age`: of a reading when the 1 kHz loop gets it. None: the device does not let one measure it. `warning`:
+    of a slow latency timer.
     """
 
     axis: str
@@ -41,6 +43,7 @@ class Probed:
     where: str
     verdict: Verdict
     error: str | None = None
+    warning: str | None = None
     identity: str = ""
     serial: str = ""
     link: str = ""
@@ -73,9 +76,11 @@ def probe(device: ConfiguredDevice, seconds: float, clock: SleepingClock) -> Pro
         found = replace(found, verdict="ready", **measured)
     if driver is None:
         return found
+    port = device.serial_port
     counters = {name: count for name, count in sorted(driver.link.counters.items()) if count}
     return replace(
         found,
+        warning=None if port is None else latency_warning(port),
         identity=driver.link.identity,
         serial=driver.link.serial,
         link=state,
@@ -161,6 +166,8 @@ def _facts(found: Probed) -> Iterator[str]:
                 yield f"{what} p50 {times.p50_ms:.3g} ms, p99 {times.p99_ms:.3g} ms"
         if found.invalid:
             yield f"{found.invalid} readings not valid"
+        if found.warning:
+            yield found.warning
     yield f"link {found.link}"
     yield ", ".join(f"{count} {name}" for name, count in found.counters.items()) or "nothing counted"
 

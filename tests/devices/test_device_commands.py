@@ -20,6 +20,7 @@ from forefeel.common.hardware.driver import (
     installed_drivers,
 )
 from forefeel.daemon_settings import load_daemon
+from forefeel.devices.shared.stream import latency_warning
 from forefeel.probe.configured import ConfiguredDevice, configured
 from forefeel.probe.ports import can_interfaces, serial_ports
 from tests.devices.fake_devices import FakeCell, FakeHandle, FakeStage, SteppedClock
@@ -115,9 +116,7 @@ def port(device: str, vid: int | None = None, serial: str | None = None) -> List
     return found
 
 
-def test_serial_ports_have_stable_names_ids_and_a_slow_timer_is_said(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_serial_ports_have_stable_names_and_ids(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     by_id = tmp_path / "by-id"
     by_id.mkdir()
     for name in ("ttyUSB0", "ttyUSB1"):
@@ -125,17 +124,17 @@ def test_serial_ports_have_stable_names_ids_and_a_slow_timer_is_said(
     (by_id / "usb-FTDI_A50-if00-port0").symlink_to(tmp_path / "ttyUSB1")
     ports = [port(str(tmp_path / "ttyUSB1"), 0x0403, "A50"), port(str(tmp_path / "ttyUSB0"))]
     monkeypatch.setattr(list_ports, "comports", lambda: ports)
-    monkeypatch.setattr(
-        "forefeel.devices.shared.stream.latency_timer_ms", lambda name: 16 if name.endswith("1") else None
-    )
-    monkeypatch.setattr(
-        "forefeel.probe.ports.latency_timer_ms", lambda name: 16 if name.endswith("1") else None
-    )
     plain, ftdi = serial_ports(by_id)
     assert (plain.device, plain.stable, plain.usb, plain.advice) == (ports[1].device, None, None, None)
     assert (ftdi.stable, ftdi.usb) == (str(by_id / "usb-FTDI_A50-if00-port0"), "0403:6001")
-    assert (ftdi.serial, ftdi.latency_ms) == ("A50", 16)
-    assert ftdi.advice is not None and "16 ms" in ftdi.advice
+    assert ftdi.serial == "A50"
+
+
+def test_slow_latency_timer_is_said(tmp_path: Path) -> None:
+    (tmp_path / "ttyUSB1").mkdir()
+    for timer_ms, said in (("16\n", True), ("1\n", False), ("", False)):
+        (tmp_path / "ttyUSB1" / "latency_timer").write_text(timer_ms)
+        assert ("16 ms" in (latency_warning("/dev/ttyUSB1", tmp_path) or "")) is said
 
 
 def test_can_interfaces_are_told_by_their_type_and_how_to_bring_one_up(tmp_path: Path) -> None:

@@ -19,7 +19,8 @@ _PRODUCT = ("common", "slave", "master", "forefeel")
 _FILES = ("settings.py", "network_settings.py", "hardware/calibration.py", "dashboard/vessel.py")
 _BASES = {  # never a section: what derives from them is
     "DaemonSettings", "SerialSettings", "DriverSettings", "StageDriverSettings", "GripperDriverSettings",
-    "LoadCellDriverSettings", "HandleDriverSettings", "ScaledStageSettings",
+    "LoadCellDriverSettings", "HandleDriverSettings", "ScaledStageSettings", "CellSettings",
+    "SerialCellSettings",
 }  # fmt: skip
 WITHOUT_UNIT = {
     "connections", "seed", "loss", "burst_loss", "burst_length", "reorder", "duplicate", "priority",

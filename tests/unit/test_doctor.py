@@ -14,9 +14,8 @@ from forefeel.common.transport.security import Party, PartyFiles
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.doctor import examine as doctor
 from forefeel.doctor.examine import LEVELS, Finding, Level
-from forefeel.doctor.host import ClockState, Disk, Heard, HostProbe, LoopCheck, Port, Versions
+from forefeel.doctor.host import ClockState, Disk, Heard, HostProbe, LoopCheck
 from forefeel.probe.configured import ConfiguredDevice
-from forefeel.probe.ports import CanInterface
 from forefeel.probe.probe import Probed
 from forefeel.reachability import Obstacle, Reached
 from forefeel.slave.settings import SlaveSettings
@@ -27,16 +26,12 @@ NOW = datetime(2026, 7, 1, tzinfo=UTC)
 LISTEN = ("tls/0.0.0.0:7447",)
 MS = 1_000_000
 ZABER = {"driver": "zaber_ascii", "port": "/dev/x", "microstep_m": 1e-7, "travel_m": [-0.01, 0.13]}
-CAN = {"interface": "socketcan", "channel": "can0", "bitrate": 1_000_000}
-CELL = {"driver": "cia404", "can": CAN, "node_id": 2, "full_scale_n": 10.0}
 READY = Probed("insertion", "stage", "zaber_ascii", "/dev/x", "ready", rate_hz=800.0)
 
 LOOP = LoopCheck("SCHED_FIFO 50", "memory locked", 2000, 0, 20.0, 90.0, 300.0)
 REACHED = Reached("tls/a:1", connect_s=1e-3, handshake_s=4e-3)
 HEARD = Heard([ClockState("slave", "insertion", True, 5 * MS, MS // 2)])
-PORT = Port(True, True, "dialout")
 DISK = Disk(True, 0o700, 5e10)
-VERSIONS = Versions((3, 11, 7), "0.1.0")
 
 
 @dataclass
@@ -47,12 +42,8 @@ class FakeHost(HostProbe):
     loop_found: LoopCheck = LOOP
     reached: Reached = REACHED
     heard: Heard = HEARD
-    port_found: Port = PORT
-    can: CanInterface | None = field(default_factory=lambda: CanInterface("can0", True, None))
-    bitrate: int | None = 1_000_000
     probed: Probed = READY
     disk_found: Disk = DISK
-    versions_found: Versions = VERSIONS
     process: int | None = None
     asked: list[TransportSettings] = field(default_factory=list)
 
@@ -74,23 +65,11 @@ class FakeHost(HostProbe):
         self.asked.append(transport)
         return self.heard
 
-    def port(self, path: str) -> Port:
-        return self.port_found
-
-    def can_interface(self, name: str) -> CanInterface | None:
-        return self.can
-
-    def can_bitrate(self, name: str) -> int | None:
-        return self.bitrate
-
     def probe(self, device: ConfiguredDevice) -> Probed:
         return self.probed
 
     def disk(self, folder: Path) -> Disk:
         return self.disk_found
-
-    def versions(self) -> Versions:
-        return self.versions_found
 
 
 def worst(found: Iterator[Finding]) -> Level:
@@ -130,12 +109,8 @@ def disk(writable: bool, mode: int | None, free_bytes: float) -> Iterator[Findin
     return doctor.check_disk(Path("/var/lib/forefeel"), host)
 
 
-def versions(python: tuple[int, int, int], own: str | None) -> Iterator[Finding]:
-    return doctor.check_versions(FakeHost(versions_found=Versions(python, own)))
-
-
 NO_ANSWER = Reached("", obstacle=Obstacle("no answer from a:1", "check the cable"))
-STAGE, LOAD_CELL = {"stage": ZABER}, {"load_cell": CELL}
+STAGE = {"stage": ZABER}
 TABLE: list[tuple[str, Level, Callable[[], Iterator[Finding]]]] = [
     ("reached", "green", network),
     ("not tried", "amber", lambda: network(reached=Reached(""))),
@@ -159,18 +134,11 @@ TABLE: list[tuple[str, Level, Callable[[], Iterator[Finding]]]] = [
     ("no loop", "red", lambda: loop(ticks=0)),
     ("simulated", "green", lambda: devices({})),
     ("device", "green", lambda: devices(STAGE)),
-    ("port slow", "amber", lambda: devices(STAGE, port_found=Port(True, True, "dialout", "timer 16 ms"))),
-    ("port not ours", "red", lambda: devices(STAGE, port_found=Port(True, False, "dialout"))),
-    ("no port", "red", lambda: devices(STAGE, port_found=Port(False))),
+    ("port slow", "amber", lambda: devices(STAGE, probed=replace(READY, warning="timer 16 ms"))),
     ("device with flaws", "amber", lambda: devices(STAGE, probed=replace(READY, invalid=3))),
     ("busy", "amber", lambda: devices(STAGE, probed=replace(READY, verdict="refused", error="busy"))),
     ("silent", "red", lambda: devices(STAGE, probed=replace(READY, verdict="failed", error="no answer"))),
     ("daemon runs", "amber", lambda: devices(STAGE, process=7, probed=replace(READY, verdict="failed"))),
-    ("bus", "green", lambda: devices(LOAD_CELL)),
-    ("bus of unknown speed", "amber", lambda: devices(LOAD_CELL, bitrate=None)),
-    ("bus of another speed", "red", lambda: devices(LOAD_CELL, bitrate=500_000)),
-    ("bus down", "red", lambda: devices(LOAD_CELL, can=CanInterface("can0", False, "set it up"))),
-    ("no bus", "red", lambda: devices(LOAD_CELL, can=None)),
     ("state", "green", lambda: disk(True, 0o700, 5e10)),
     ("state to come", "green", lambda: disk(True, None, 5e10)),
     ("state that others read", "amber", lambda: disk(True, 0o755, 5e10)),
@@ -178,10 +146,6 @@ TABLE: list[tuple[str, Level, Callable[[], Iterator[Finding]]]] = [
     ("state not ours", "red", lambda: disk(False, None, 5e10)),
     ("disk filling", "amber", lambda: disk(True, 0o700, 1.9e9)),
     ("disk full", "red", lambda: disk(True, 0o700, 1.9e8)),
-    ("versions", "green", lambda: versions((3, 11, 7), "0.1.0")),
-    ("Python newer", "amber", lambda: versions((3, 15, 0), "0.1.0")),
-    ("Python old", "red", lambda: versions((3, 10, 9), "0.1.0")),
-    ("not installed", "amber", lambda: versions((3, 11, 7), None)),
 ]
 
 
@@ -228,9 +192,7 @@ def test_clocks_are_asked_over_the_daemons_own_way() -> None:
     assert (client.mode, client.connect) == ("client", ("tcp/a:1",))
 
 
-@pytest.mark.parametrize(
-    ("host", "code"), [(FakeHost(), 0), (FakeHost(can=None), 0), (FakeHost(reached=NO_ANSWER), 1)]
-)
+@pytest.mark.parametrize(("host", "code"), [(FakeHost(), 0), (FakeHost(reached=NO_ANSWER), 1)])
 def test_red_alone_fails(
     run: Run,
     capsys: pytest.CaptureFixture[str],

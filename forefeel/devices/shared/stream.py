@@ -20,6 +20,7 @@ _BROKEN = (serial.SerialException, OSError, termios.error, TypeError, ValueError
 """The last two: closed while it reads."""
 _CHUNK_BYTES = 4096  # bytes of one read
 _WRITE_S = 0.5  # s that a write waits for a port that takes no bytes
+_USB_SERIAL = Path("/sys/bus/usb-serial/devices")
 _USUAL_LATENCY_MS = 1  # ms, the least that an FTDI adapter can be set to; what deploy/udev sets
 
 
@@ -68,20 +69,13 @@ class SerialStream:
             self._serial.close()
 
 
-def latency_timer_ms(port: str) -> int | None:
-    """The latency timer of an FTDI adapter; None where there is none. More than 1 delays every answer."""
-    name = Path(os.path.realpath(port)).name
-    path = Path("/sys/bus/usb-serial/devices") / name / "latency_timer"
+def latency_warning(port: str, devices: Path = _USB_SERIAL) -> str | None:
+    """What to do about a slow latency timer of an FTDI adapter, which delays every answer; None: nothing."""
     try:
-        return int(path.read_text())
+        timer_ms = int((devices / Path(os.path.realpath(port)).name / "latency_timer").read_text())
     except (OSError, ValueError):
         return None
-
-
-def latency_warning(port: str) -> str | None:
-    """What to do about a slow latency timer; None where there is nothing to do."""
-    timer_ms = latency_timer_ms(port)
-    if timer_ms is None or timer_ms <= _USUAL_LATENCY_MS:
+    if timer_ms <= _USUAL_LATENCY_MS:
         return None
     return f"{port}: latency timer {timer_ms} ms, expected 1 (deploy/udev sets it)"
 
