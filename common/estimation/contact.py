@@ -22,7 +22,7 @@ __all__ = ["Contact", "ContactExpert", "ContactFit", "Fitting"]
 _EVERY_S = 0.75  # s between two fits
 _WINDOW_S = 30.0  # s of samples that a fit sees
 _STEP_S = 0.004  # s between samples that are kept: friction and relaxation follow their motion
-_NEW_S = 6.0  # s of searching on grids since the range of the motion has grown
+_NEW_S = 3.0  # s of searching on grids since the range of the motion has grown: 6 s foretell no better
 _GROWN = 1.1  # ratio of ranges that counts as grown
 # beyond is no contact of an instrument
 _MOST_M, _MOST_M_S, _MOST_M_S2, _MOST_N = 100.0, 1e3, 1e6, 1e4
