@@ -40,8 +40,7 @@ from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Prepared, prepare
-from forefeel.diagnosis.evaluation.methods import METHODS, Method
-from forefeel.diagnosis.evaluation.replay import replay
+from forefeel.diagnosis.evaluation.methods import METHODS, Method, replay
 from forefeel.diagnosis.evaluation.score import largest_seen, score
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback

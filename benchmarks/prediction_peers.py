@@ -14,7 +14,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.diagnosis.evaluation.methods import Method, MethodEstimate, Pairs
+from forefeel.common.estimation.evaluator import Estimate
+from forefeel.diagnosis.evaluation.methods import Method, Pairs
 
 Array = NDArray[np.float64]
 
@@ -138,8 +139,8 @@ class Incremental:
             self._regression.fit(np.array(self._rows), np.array(self._targets_n))
             self._fitted, self._fitted_s = True, t_s
 
-    def predict(self) -> MethodEstimate | None:
-        return None if self._force_n is None else MethodEstimate(self._force_n)
+    def predict(self) -> Estimate | None:
+        return None if self._force_n is None else Estimate(self._force_n)
 
     def regressors(self, t_s: float, s: float) -> list[float]:
         """phi at `t_s`, with the newest force of stamp `s`."""
@@ -256,11 +257,11 @@ class ConstantStiffness:
         spread = n * xx - x * x
         self._k = (n * xf - x * f) / spread if spread > 1e-12 * n * xx else 0.0
 
-    def predict(self) -> MethodEstimate | None:
+    def predict(self) -> Estimate | None:
         if self._learned is None:
             return None
         _, x, force_n = self._learned
-        return MethodEstimate(force_n + self._k * (self._x - x))
+        return Estimate(force_n + self._k * (self._x - x))
 
 
 PEERS: Mapping[str, tuple[str, Callable[[], Method]]] = {

@@ -82,15 +82,6 @@ def now_utc() -> datetime:
     return datetime.now(UTC)
 
 
-class WallClock:
-    """The host's wall clock: it may be wrong, and step. For people who read a log, never for a loop."""
-
-    def utc(self) -> str:
-        """Now, as ISO 8601 with microseconds."""
-        return utc_text(time.time_ns())
-
-
-def utc_text(wall_ns: int) -> str:
-    """Nanoseconds since 1970 as ISO 8601 in UTC, to the microsecond."""
-    second, rest_ns = divmod(wall_ns, 1_000_000_000)
-    return f"{datetime.fromtimestamp(second, UTC):%Y-%m-%dT%H:%M:%S}.{rest_ns // 1000:06d}Z"
+def utc_text() -> str:
+    """The wall clock as ISO 8601 with microseconds, for a log: it may be wrong, and step."""
+    return f"{now_utc():%Y-%m-%dT%H:%M:%S.%fZ}"

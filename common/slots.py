@@ -8,16 +8,14 @@ T = TypeVar("T")
 
 
 class LatestValue(Generic[T]):
-    """A slot that keeps the newest value; one that was never taken is counted as superseded."""
+    """A slot that keeps the newest value."""
 
     def __init__(self) -> None:
         self._lock = Lock()
         self._value: T | None = None
-        self.superseded = 0
 
     def put(self, value: T) -> None:
         with self._lock:
-            self.superseded += self._value is not None
             self._value = value
 
     def take(self) -> T | None:

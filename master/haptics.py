@@ -7,7 +7,7 @@ from forefeel.common.estimation.evaluator import Estimate, Snapshot
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import FOLLOWING, ForceSample, Grip, SafetyState
 from forefeel.master.handle import HandleReading
-from forefeel.master.prediction import ForcePrediction, Present
+from forefeel.master.prediction import ForcePrediction
 from forefeel.master.rendering import ForceRenderer
 from forefeel.master.settings import RenderingSettings
 
@@ -121,6 +121,7 @@ class HapticLoop:
             self._prediction.reset()
             return None
         newest = inputs.force.sample if inputs.force else None
-        present = Present(now_ns, position_m, reading.velocity_m_s, reading.deadman, inputs.snapshot, newest)
-        predicted = self._prediction.predict(present)
+        predicted = self._prediction.predict(
+            now_ns, position_m, reading.velocity_m_s, reading.deadman, inputs.snapshot, newest
+        )
         return predicted if predicted is not None and isfinite(sum(predicted[:3])) else None

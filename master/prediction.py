@@ -7,8 +7,6 @@ drive's lag is part of what it learns. The contact model is one of the instrumen
 position at which the stage is expected.
 """
 
-from typing import NamedTuple
-
 from forefeel.common.estimation.evaluator import Estimate, Evaluator, Snapshot
 from forefeel.common.estimation.stage_lag import StageLag
 from forefeel.common.limiter import MotionLimiter
@@ -16,17 +14,6 @@ from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
 
 _MAX_STEP_S = 0.010  # s, longest step of time that the limits count, as in `slave/control.py`
-
-
-class Present(NamedTuple):
-    """What is known in a tick: the command that it sends, what was learned, the newest force."""
-
-    stamp_ns: int
-    position_m: float
-    velocity_m_s: float
-    deadman: bool
-    snapshot: Snapshot
-    newest: ForceSample | None
 
 
 class ExpectedSetpoint:
@@ -78,12 +65,19 @@ class ForcePrediction:
         self._newest: ForceSample | None = None
         self._expected: Estimate | None = None
 
-    def predict(self, present: Present) -> Estimate | None:
+    def predict(
+        self,
+        stamp_ns: int,
+        position_m: float,
+        velocity_m_s: float,
+        deadman: bool,
+        snapshot: Snapshot,
+        newest: ForceSample | None,
+    ) -> Estimate | None:
         """The force for the command that is sent now; None before any force has arrived.
 
-        The newest force counts at once, before it is learned from.
+        `snapshot`: what was learned. The newest force counts at once, before it is learned from.
         """
-        stamp_ns, position_m, velocity_m_s, deadman, snapshot, newest = present
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
         setpoint_m = self._setpoint.follow(stamp_ns, position_m, velocity_m_s, deadman, self._expected)

@@ -4,8 +4,7 @@ from collections.abc import Mapping
 
 from forefeel.common import topics
 from forefeel.common.bus import Bus
-from forefeel.common.events.axis import AxisEvents, RepeatedEvents, Transition
-from forefeel.common.events.coalescer import EventCoalescer
+from forefeel.common.events.axis import AxisEvents, EventCoalescer, RepeatedEvents, Transition
 from forefeel.common.events.sink import REFUSALS, SAFETY, EventSink
 from forefeel.common.events.text import ROUND_TRIP, event_text, not_armed
 from forefeel.common.flight import CycleRow

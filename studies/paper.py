@@ -37,8 +37,7 @@ from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.tabular import load_recording
 from forefeel.common.topics import FORCE, HAPTICS
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
-from forefeel.diagnosis.evaluation.methods import PAPER_LAMBDA, PaperRls
-from forefeel.diagnosis.evaluation.replay import replay
+from forefeel.diagnosis.evaluation.methods import PAPER_LAMBDA, PaperRls, replay
 from forefeel.diagnosis.evaluation.rls import PRIOR_VARIANCE, RecursiveLeastSquares
 from forefeel.loopback.plan import AXIS, LoopbackOptions, make_plan, resisting_sign
 from forefeel.loopback.virtual import VirtualLoopback

@@ -32,12 +32,14 @@ _LEAD_S = 2.0 / (2.0 * math.pi * _CUTOFF_HZ)
 
 
 class Estimate(NamedTuple):
-    """The force now in N, its 95 % band, and the expert that led: one of `blend.NAMES`."""
+    """The force now in N, its 95 % band, and the expert that led: one of `blend.NAMES`. NaN and empty of a
+    rival in an evaluation, which has neither.
+    """
 
     force_n: float
-    low_n: float
-    high_n: float
-    leading: str
+    low_n: float = math.nan
+    high_n: float = math.nan
+    leading: str = ""
 
 
 class Learned(Protocol):

@@ -2,5 +2,5 @@
 
 `axis.AxisEvents` takes what happens on an axis and hands it on: to the network as a message, to the event log
 and the flight recorder (`sink.EventSink`), and to the person at the daemon (`console.tell_notices`).
-Floods pass a `coalescer.EventCoalescer` first. `text` words an event, for console and dashboard alike.
+Floods pass an `axis.EventCoalescer` first. `text` words an event, for console and dashboard alike.
 """

@@ -1,18 +1,58 @@
 """What happens on one axis, as master and slave tell it alike."""
 
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
+from threading import Lock
+from typing import Generic, TypeVar
 
 from forefeel.common.bus import Bus
-from forefeel.common.events.coalescer import EventCoalescer
 from forefeel.common.events.console import Notices
-from forefeel.common.events.sink import Detail, EventSink, peer, worth_a_record
+from forefeel.common.events.sink import HALTED, UNASKED, Detail, EventSink, peer
 from forefeel.common.limiter import LimitHit
-from forefeel.common.messages import MOST_QUANTITY, Handshake, LimitEvent, SafetyState, within
+from forefeel.common.messages import FOLLOWING, MOST_QUANTITY, Handshake, LimitEvent, SafetyState, within
 from forefeel.common.topics import Topic
 
 _LIMIT_NS = 100_000_000  # least time between two events of one rule
 # least time between two log lines of one name
 _REPEAT_NS = 1_000_000_000
+
+K = TypeVar("K", bound=Hashable)
+E = TypeVar("E")
+
+
+class EventCoalescer(Generic[K, E]):
+    """Tells the first event of a key at once, then one per interval with the count. Any thread adds, one
+    drains.
+
+    Args:
+        interval_ns: the least time between two of one key. Keys come from a bounded set, for each is kept.
+
+    Attributes:
+        total: occurrences of all keys.
+    """
+
+    def __init__(self, interval_ns: int) -> None:
+        self.total = 0
+        self._interval_ns = interval_ns
+        self._lock = Lock()
+        self._open: dict[K, tuple[K, E, int]] = {}
+        self._told_ns: dict[K, int] = {}
+
+    def add(self, key: K, event: E, count: int = 1) -> None:
+        with self._lock:
+            _, first, before = self._open.get(key, (key, event, 0))
+            self._open[key] = key, first, before + count
+            self.total += count
+
+    def drain(self, now_ns: int, last: bool = False) -> list[tuple[K, E, int]]:
+        """Key, first event and count since it was last told of each that is due; with `last` of all."""
+        if not self._open:
+            return []
+        with self._lock:
+            newest_ns = now_ns - self._interval_ns
+            due = [key for key in self._open if last or self._told_ns.get(key, newest_ns) <= newest_ns]
+            self._told_ns.update(dict.fromkeys(due, now_ns))
+            return [self._open.pop(key) for key in due]
+
 
 RepeatedEvents = EventCoalescer[tuple[str, str], dict[str, Detail]]
 """Of log lines: event and what it is counted by, details."""
@@ -101,5 +141,5 @@ class AxisEvents:
             entry, now_ns,
             before=before.value, event=str(event), after=after.value, reason=reason, session=session,
         )  # fmt: skip
-        if worth_a_record(before, event, after):
+        if after in HALTED or (before in FOLLOWING and event in UNASKED):
             self._event_sink.flight(self._axis, str(event), reason, now_ns)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 from forefeel.common.flight import Rings
-from forefeel.common.messages import FOLLOWING, Handshake, SafetyState
+from forefeel.common.messages import Handshake, SafetyState
 
 SAFETY = "safety"
 """The event of a transition of the slave's safety state machine."""
@@ -60,11 +60,6 @@ class EventSink:
 
 
 NULL_EVENT_SINK = EventSink()
-
-
-def worth_a_record(before: SafetyState, event: str, after: SafetyState) -> bool:
-    """Whether a flight record is made of a transition: whatever halts, or ends a motion unasked."""
-    return after in HALTED or (before in FOLLOWING and event in UNASKED)
 
 
 def peer(handshake: Handshake) -> dict[str, Detail]:

@@ -188,12 +188,10 @@ def _decoded(kind: type[M], payloads: list[bytes], first: int, where: str) -> li
         messages = []
     if len(messages) == len(payloads):
         return messages
-    return [
-        _decoded_one(kind, payload, f"{where}, message {first + i}") for i, payload in enumerate(payloads)
-    ]
+    return [decoded_one(kind, payload, f"{where}, message {first + i}") for i, payload in enumerate(payloads)]
 
 
-def _decoded_one(kind: type[M], payload: bytes, where: str) -> M:
+def decoded_one(kind: type[M], payload: bytes, where: str) -> M:
     try:
         return kind.model_validate_json(payload)
     except ValidationError as error:

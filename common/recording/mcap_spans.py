@@ -11,10 +11,10 @@ from mcap.data_stream import ReadDataStream
 from mcap.reader import make_reader
 from mcap.records import Channel, Chunk, Metadata
 from mcap.records import Message as MessageRecord
-from pydantic import ValidationError
 
 from forefeel.common.errors import RecordingError
 from forefeel.common.messages import Message
+from forefeel.common.recording.mcap_reader import decoded_one
 from forefeel.common.recording.mcap_records import DAMAGE, RecordReader, damaged, unpacked
 from forefeel.common.recording.recording import opened, room_of
 from forefeel.common.topics import Topic, parse_key
@@ -92,15 +92,10 @@ class RunSpans:
             first, last = (bisect_left(messages, ns, key=_LOG_NS) for ns in (start_ns, end_ns))
             for message in messages[first:last]:
                 if message.channel_id in wanted:
-                    yield self._decoded(message, *wanted[message.channel_id])
-
-    def _decoded(self, record: MessageRecord, axis: str, topic: Topic[Message]) -> Logged:
-        try:
-            message = topic.message.model_validate_json(record.data)
-        except ValidationError as error:
-            fault = error.errors(include_url=False, include_input=False)[0]
-            raise RecordingError(f"{self.path}: axis {axis}, {topic.name}: {fault['msg']}") from error
-        return Logged(record.log_time, axis, topic, message)
+                    axis, topic = wanted[message.channel_id]
+                    where = f"{self.path}: axis {axis}, {topic.name}"
+                    decoded = decoded_one(topic.message, message.data, where)
+                    yield Logged(message.log_time, axis, topic, decoded)
 
     def _read(self, at: int) -> list[MessageRecord]:
         with opened(self.path) as file:

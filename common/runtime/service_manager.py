@@ -66,7 +66,10 @@ class ServiceWatchdog:
         if not self.ready and all(ticks):
             self.ready = True
             self._manager.tell("READY=1")
-        self._tell_status(self._status(now_ns))
+        status = self._status(now_ns)
+        if status != self._said:
+            self._said = status
+            self._manager.tell(f"STATUS={_line(status)}")
         if self.ready and now_ns >= self._due_ns:
             self._live(ticks, now_ns)
 
@@ -81,11 +84,6 @@ class ServiceWatchdog:
             return
         self._alive_at, self._due_ns = ticks, now_ns + watchdog_ns // 4
         self._manager.tell("WATCHDOG=1")
-
-    def _tell_status(self, status: str) -> None:
-        if status != self._said:
-            self._said = status
-            self._manager.tell(f"STATUS={_line(status)}")
 
 
 def service_watchdog(status: Callable[[], str], steps: Callable[[], int]) -> Callable[[], None]:

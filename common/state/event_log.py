@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from forefeel.common.clock import Clock, WallClock
+from forefeel.common.clock import Clock, utc_text
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.events.sink import SAFETY, Detail, EventSink
 from forefeel.common.flight import Rings
@@ -42,8 +42,8 @@ class EventLog:
         OSError: the file can not be opened.
     """
 
-    def __init__(self, path: Path, wall: WallClock, worker: type[Worker] = Worker) -> None:
-        self._path, self._wall = path, wall
+    def __init__(self, path: Path, worker: type[Worker] = Worker) -> None:
+        self._path = path
         self._descriptor = own_file(path)
         self._size = os.lseek(self._descriptor, 0, os.SEEK_END)
         self._waiting: BoundedQueue[_Line] = BoundedQueue(_WAITING)
@@ -57,7 +57,7 @@ class EventLog:
 
     def note(self, event: str, now_ns: int, axis: str, details: Mapping[str, Detail]) -> None:
         """Queues one event; `now_ns` is the host's monotonic stamp."""
-        self._waiting.put(_Line(self._wall.utc(), now_ns, event, axis, details))
+        self._waiting.put(_Line(utc_text(), now_ns, event, axis, details))
         self.worker.wake()
 
     def write(self) -> None:
@@ -119,14 +119,13 @@ class StateEventSink(EventSink):
         keep: int,
         worker: type[Worker] = Worker,
     ) -> None:
-        wall = WallClock()
         self._clock = clock
         self.rings: Rings = Rings()
         events, latch = folder.path / EVENTS, folder.path / LATCHED
         try:
             self._latch = Latch(latch, axes, not events.exists(), self._latch_changed, worker)
             try:
-                self._log = EventLog(events, wall, worker)
+                self._log = EventLog(events, worker)
             except OSError:
                 self._latch.close()
                 raise

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from pydantic import ValidationError
 
-from forefeel.common.clock import Clock, WallClock
+from forefeel.common.clock import Clock, utc_text
 from forefeel.common.events.sink import Detail
 from forefeel.common.flight import AFTER_NS, BEFORE_NS, FlightRing, Rings, Row, cycle_message
 from forefeel.common.recording.mcap_writer import RunWriter
@@ -52,7 +52,7 @@ class FlightWriter:
         worker: type[Worker] = Worker,
     ) -> None:
         self._folder, self._keep, self._rings = folder, keep, rings
-        self._clock, self._wall, self._note = clock, WallClock(), note
+        self._clock, self._note = clock, note
         self.facts: dict[str, str] = {}
         self._requests: deque[_Request] = deque()
         self._accepted_ns: int | None = None
@@ -67,7 +67,7 @@ class FlightWriter:
         if accepted_ns is not None and now_ns - accepted_ns < _AT_MOST_EVERY_NS:
             return
         self._accepted_ns = now_ns
-        self._requests.append(_Request(axis, event, reason, now_ns, self._wall.utc()))
+        self._requests.append(_Request(axis, event, reason, now_ns, utc_text()))
         self.worker.wake()
 
     def close(self) -> None:

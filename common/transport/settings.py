@@ -49,12 +49,8 @@ class TransportSettings(Settings):
             return 1
         if self.connections is not None:
             return self.connections
-        return MOST_CONNECTIONS if any(map(_loses_packets, self.connect)) else 1
-
-
-def _loses_packets(endpoint: str) -> bool:
-    """Whether a lost packet may hold up what follows on a connection to that endpoint."""
-    return endpoint.startswith(("tcp/", "tls/")) and not on_loopback(endpoint)
+        in_order = [each for each in self.connect if each.startswith(("tcp/", "tls/"))]
+        return 1 if all(map(on_loopback, in_order)) else MOST_CONNECTIONS
 
 
 class ImpairmentSettings(Settings):

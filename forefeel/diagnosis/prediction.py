@@ -12,8 +12,7 @@ from forefeel.common.error_size import Floats, rms
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import prepare
-from forefeel.diagnosis.evaluation.methods import METHODS
-from forefeel.diagnosis.evaluation.replay import MethodTrace, replay
+from forefeel.diagnosis.evaluation.methods import METHODS, MethodTrace, replay
 from forefeel.diagnosis.evaluation.score import completed
 from forefeel.diagnosis.long_recording import cut
 from forefeel.diagnosis.regression import BASE
@@ -71,7 +70,7 @@ def across_delay(recording: Recording, extended: ContactModel) -> Across:
         return np.asarray((completed(trace, prepared.zoh) - prepared.force_n)[prepared.rows])
 
     hold, plain, new = map(errors, (prepared.zoh, before, after))
-    leading = np.array([each is not None and each.startswith("contact") for each in after.leading])
+    leading = np.array([each.startswith("contact") for each in after.leading])
     return Across(
         DELAY_S,
         rms(hold),

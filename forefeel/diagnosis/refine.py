@@ -32,15 +32,13 @@ class Refiner:
         for sweep in range(sweeps if len(names) > 1 or any(len(fit.model[n]) > 1 for n in names) else 1):
             before = fit.score
             for name in names:
-                fit = self._refine_one(fit, name, sweep == 0, most)
+                if len(fit.model[name]) > 1:
+                    fit = self._refine_jointly(fit, name, most)
+                else:
+                    fit = self._refine_alone(fit, name, sweep == 0)
             if before - fit.score < 0.5:
                 break
         return fit
-
-    def _refine_one(self, fit: ModelFit, name: str, wide: bool, most: int) -> ModelFit:
-        if len(fit.model[name]) > 1:
-            return self._refine_jointly(fit, name, most)
-        return self._refine_alone(fit, name, wide)
 
     def _refine_jointly(self, fit: ModelFit, name: str, most: int) -> ModelFit:
         """Shapes of one cause that trade against each other: a simplex, on their logarithms where the

@@ -134,15 +134,12 @@ class Search(Refiner):
         periodic = isinstance(CANDIDATES[name], Periodic)
         repeats = periodic or isinstance(CANDIDATES[name], PositionWave)
         for shape in self._shapes(fit, name):
-            trial = self._quick(fit, name, shape)
+            trial = self.fit({**fit.model, name: shape})
             margin = _SUBHARMONIC if found is not None and repeats else 0.0
             better = found is None or trial.score < found.score - margin
             if better and trial.feasible and not (periodic and self.periods.echo(trial)):
                 found = trial
         return found
-
-    def _quick(self, fit: ModelFit, name: str, shape: Shape) -> ModelFit:
-        return self.fit({**fit.model, name: shape})
 
     def _shapes(self, fit: ModelFit, name: str) -> list[Shape]:
         if isinstance(CANDIDATES[name], Periodic):

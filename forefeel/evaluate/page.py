@@ -10,9 +10,8 @@ from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.events.text import quantity
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Evaluated
-from forefeel.diagnosis.evaluation.methods import METHODS
+from forefeel.diagnosis.evaluation.methods import METHODS, Mask
 from forefeel.diagnosis.evaluation.regimes import REGIMES, RegimeScore
-from forefeel.diagnosis.evaluation.replay import Mask
 from forefeel.report.drawing import DASHED, DOTTED, Figure, band, limits, line, panel, spec
 from forefeel.report.template import render
 from forefeel.report.wording import DISCLAIMER, share

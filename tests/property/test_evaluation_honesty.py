@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
-from forefeel.diagnosis.evaluation.methods import METHODS
-from forefeel.diagnosis.evaluation.replay import MethodTrace, replay
+from forefeel.diagnosis.evaluation.methods import METHODS, MethodTrace, replay
 from tests.unit.evaluation_samples import made_up, recording
 
 LINKS = [DelayedLink(0.3), DelayedLink(0.3, jitter_s=0.05, loss=0.05, seed=7)]

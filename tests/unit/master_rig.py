@@ -26,7 +26,7 @@ from forefeel.master.axis import MasterAxis
 from forefeel.master.handle import HandleReading, Indication
 from forefeel.master.haptics import HapticLoop
 from forefeel.master.identification import IdentificationTask
-from forefeel.master.prediction import ForcePrediction, Present
+from forefeel.master.prediction import ForcePrediction
 from forefeel.master.session import SessionState
 from forefeel.master.settings import MasterAxisSettings, RenderingSettings
 from tests.unit.dashboard import said
@@ -81,8 +81,7 @@ class FakePredictor(ForcePrediction):
     def __init__(self) -> None:
         self.answer: float | None = 1.0
 
-    def predict(self, present: Present) -> Estimate | None:
-        del present
+    def predict(self, *_: object, **__: object) -> Estimate | None:
         if self.answer is None:
             return None
         return Estimate(self.answer, self.answer - 0.5, self.answer + 0.25, "friction")

@@ -7,10 +7,10 @@ import pytest
 
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError, RecordingError
+from forefeel.common.estimation.evaluator import Estimate
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
 from forefeel.diagnosis.evaluation.evaluate import checked_model, evaluate, prepare, rules, to_json
-from forefeel.diagnosis.evaluation.methods import LONGEST_LATENESS_S, METHODS, MethodEstimate, Pairs
-from forefeel.diagnosis.evaluation.replay import replay
+from forefeel.diagnosis.evaluation.methods import LONGEST_LATENESS_S, METHODS, Pairs, replay
 from tests.unit.evaluation_samples import made_up, recording, zoh_oracle
 
 
@@ -95,7 +95,7 @@ def test_zoh_keeps_the_newest_stamp_whatever_the_order() -> None:
         zoh.observe(stamp_s, force_n)
     zoh.restart()
     zoh.move(4.0, 0.0)
-    assert zoh.predict() == MethodEstimate(30.0)
+    assert zoh.predict() == Estimate(30.0)
 
 
 def test_the_paper_does_not_differentiate_across_a_gap() -> None:

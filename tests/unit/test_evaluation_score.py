@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
-from forefeel.diagnosis.evaluation.replay import MethodTrace
+from forefeel.diagnosis.evaluation.methods import MethodTrace
 from forefeel.diagnosis.evaluation.score import RUNAWAY, Score, completed, largest_seen, score, scored_stamps
 from tests.unit.evaluation_samples import Floats
 
@@ -12,7 +12,7 @@ RNG = np.random.default_rng(2)
 FORCE_N = RNG.normal(0, 1, N)
 
 
-def trace(force_n: Floats, half_width_n: float | None = None, leading: str | None = None) -> MethodTrace:
+def trace(force_n: Floats, half_width_n: float | None = None, leading: str = "") -> MethodTrace:
     band = np.nan if half_width_n is None else half_width_n
     answered = np.isfinite(force_n)
     return MethodTrace(answered, force_n, force_n - band, force_n + band, (leading,) * len(force_n))
@@ -61,7 +61,7 @@ def test_where_nothing_is_said_zoh_counts() -> None:
 def test_a_method_that_ran_away_has_no_size_but_a_time(wild: float) -> None:
     said_n = FORCE_N.copy()
     said_n[600:] = wild
-    said = MethodTrace(np.ones(N, dtype=np.bool_), said_n, said_n, said_n, (None,) * N)
+    said = MethodTrace(np.ones(N, dtype=np.bool_), said_n, said_n, said_n, ("",) * N)
     found = scored(said)
     assert (found.size.rms_n, found.size.p95_n, found.size.max_n) == (None, None, None)
     assert found.diverged_at_s == pytest.approx(6.0)
@@ -78,7 +78,7 @@ def test_what_ran_away_and_came_back_before_the_score_began_did_not_diverge() ->
 def test_band_and_leading_expert_are_counted_where_it_is_scored() -> None:
     error = RNG.normal(0, 1, N)
     said = trace(FORCE_N + error, half_width_n=1.0)
-    leading = ("early",) * 600 + ("b",) * 300 + (None,) * 100
+    leading = ("early",) * 600 + ("b",) * 300 + ("",) * 100
     found = scored(MethodTrace(said.answered, said.force_n, said.low_n, said.high_n, leading)).band
     assert found.coverage == pytest.approx(np.mean(np.abs(error[330:]) <= 1.0))
     assert found.width_n == pytest.approx(2.0)

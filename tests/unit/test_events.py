@@ -5,7 +5,7 @@ import pytest
 from forefeel.common import topics
 from forefeel.common.bus import Bus
 from forefeel.common.clock import VirtualClock
-from forefeel.common.events.coalescer import EventCoalescer
+from forefeel.common.events.axis import EventCoalescer
 from forefeel.common.events.console import Notices, tell_notices
 from forefeel.common.events.sink import NULL_EVENT_SINK
 from forefeel.common.events.text import event_text, is_long_round_trip, long_round_trip, span

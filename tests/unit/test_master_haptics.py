@@ -10,7 +10,7 @@ from forefeel.common.estimation.evaluator import Estimate, Snapshot, nothing_lea
 from forefeel.common.messages import SafetyState
 from forefeel.master.handle import HandleReading
 from forefeel.master.haptics import Clutch, HapticInputs, HapticLoop, HapticOutputs, NewestForce
-from forefeel.master.prediction import ForcePrediction, Present
+from forefeel.master.prediction import ForcePrediction
 from forefeel.master.settings import RenderingSettings
 from tests.unit.dashboard.said import force
 
@@ -28,8 +28,10 @@ class Spring(ForcePrediction):
         self.answer: float | None = 1.0
         self.asked = list[tuple[int, float, float]]()
 
-    def predict(self, present: Present) -> Estimate | None:
-        self.asked.append(present[:3])
+    def predict(
+        self, stamp_ns: int, position_m: float, velocity_m_s: float, *_: object, **__: object
+    ) -> Estimate | None:
+        self.asked.append((stamp_ns, position_m, velocity_m_s))
         if self.answer is None:
             return None
         return Estimate(self.answer, self.answer - 0.1, self.answer + 0.1, "friction")

@@ -12,7 +12,7 @@ from forefeel.common.estimation.predictor import Predictor
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
 from forefeel.master.identification import IdentificationTask
-from forefeel.master.prediction import ForcePrediction, Present
+from forefeel.master.prediction import ForcePrediction
 from tests.unit.dashboard.said import force
 
 MS = 1_000_000
@@ -49,8 +49,7 @@ class Master:
         n = len(self.said_n)
         step_s = (n * MS) * 1e-9 - ((n - 1) * MS) * 1e-9  # as the difference of two stamps is rounded
         velocity_m_s = (position_m(n) - position_m(n - 1)) / step_s if n else 0.0
-        present = Present(n * MS, position_m(n), velocity_m_s, False, self.task.snapshot, newest)
-        said = self.prediction.predict(present)
+        said = self.prediction.predict(n * MS, position_m(n), velocity_m_s, False, self.task.snapshot, newest)
         self.said_n.append(None if said is None else said.force_n)
 
     def learn(self, samples: Iterable[ForceSample]) -> None:

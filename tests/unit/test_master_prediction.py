@@ -10,7 +10,7 @@ from forefeel.common.estimation.learner import Learner
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
 from forefeel.master.identification import IdentificationTask
-from forefeel.master.prediction import ExpectedSetpoint, ForcePrediction, Present
+from forefeel.master.prediction import ExpectedSetpoint, ForcePrediction
 from tests.unit.dashboard.said import force
 from tests.unit.test_stage_lag import Drive, _reach
 
@@ -62,7 +62,7 @@ def test_the_predictor_learns_the_lag_with_the_contact(model: ContactModel | Non
     for n in range(10_000):
         stamp_ns, command_m, velocity_m_s = bench.step()
         late = bench.arrived
-        said = prediction.predict(Present(stamp_ns, command_m, velocity_m_s, True, task.snapshot, late))
+        said = prediction.predict(stamp_ns, command_m, velocity_m_s, True, task.snapshot, late)
         if late is not None:
             task.queue.put(late)
             task.run()
@@ -90,5 +90,5 @@ def test_a_force_of_the_open_fixture_is_not_learned_from() -> None:
     bench, prediction = Bench(), ForcePrediction(LIMITS)
     task = IdentificationTask(prediction, Learner(prediction.evaluator))
     for _ in range(600):
-        present = Present(*bench.step(Grip.OPEN), True, task.snapshot, bench.arrived)
-        assert prediction.predict(present) is None
+        step = bench.step(Grip.OPEN)
+        assert prediction.predict(*step, True, task.snapshot, bench.arrived) is None

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from forefeel.common.clock import MonotonicClock, WallClock
+from forefeel.common.clock import MonotonicClock
 from forefeel.common.config import checked
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.settings import DaemonSettings
@@ -98,7 +98,7 @@ def test_state_path_follows_settings_and_environment() -> None:
 
 @pytest.fixture(name="log")
 def event_log(tmp_path: Path) -> Iterator[EventLog]:
-    log = EventLog(tmp_path / EVENTS, WallClock(), SteppedWorker)
+    log = EventLog(tmp_path / EVENTS, SteppedWorker)
     yield log
     log.close()
 
@@ -106,7 +106,7 @@ def event_log(tmp_path: Path) -> Iterator[EventLog]:
 def test_log_appends_one_line_per_event(log: EventLog, tmp_path: Path) -> None:
     log.note("emergency_stop", 5, "a", {"by": "nurse", "reason": "kinked\nhose"})
     log.write()
-    again = EventLog(tmp_path / EVENTS, WallClock(), SteppedWorker)
+    again = EventLog(tmp_path / EVENTS, SteppedWorker)
     again.note("stop", 6, "", {})
     again.close()
     first, second = lines(tmp_path / EVENTS)

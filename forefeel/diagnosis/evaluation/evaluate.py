@@ -14,9 +14,8 @@ from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.evaluation.arrivals import Arrivals, DelayedLink, arrivals
 from forefeel.diagnosis.evaluation.describe import notes
-from forefeel.diagnosis.evaluation.methods import METHODS, ZeroOrderHold
+from forefeel.diagnosis.evaluation.methods import METHODS, Mask, MethodTrace, ZeroOrderHold, replay
 from forefeel.diagnosis.evaluation.regimes import RULE, RegimeScore, by_regime, regimes
-from forefeel.diagnosis.evaluation.replay import Mask, MethodTrace, replay
 from forefeel.diagnosis.evaluation.score import (
     RUNAWAY,
     SETTLING_S,

@@ -1,11 +1,13 @@
-"""The predictors that are compared, all behind one port. None is told the delay: it sees what arrives."""
+"""The predictors that are compared, all behind one port, and a recording as they meet it. None is told the
+delay: it sees what arrives.
+"""
 
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf, pi
 from operator import mul
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +16,12 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.evaluator import Estimate
 from forefeel.common.estimation.predictor import Predictor
 from forefeel.common.estimation.state_filter import GAP_S, StateFilter
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.evaluation.arrivals import Arrivals
 from forefeel.diagnosis.evaluation.rls import RecursiveLeastSquares
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 PAPER_LAMBDA = 0.96  # forgetting factor of a sample; one of the 0.95 to 0.99 that the paper recommends
 LONGEST_LATENESS_S = 60.0
@@ -32,15 +37,6 @@ _STROKE_S = 1.0  # s in which the stroke is measured
 _LEAST_M, _USUAL_M = 1e-6, 5e-3  # amplitude below which that second was rest, and what is taken then
 
 
-class MethodEstimate(NamedTuple):
-    """The force now in N; its 95 % band where the method has one; the name of the expert that led."""
-
-    force_n: float
-    low_n: float | None = None
-    high_n: float | None = None
-    leading: str | None = None
-
-
 class Method(Protocol):
     """Force at the operator's present motion, from late forces."""
 
@@ -54,7 +50,7 @@ class Method(Protocol):
         """
         ...
 
-    def predict(self) -> MethodEstimate | Estimate | None:
+    def predict(self) -> Estimate | None:
         """The force at the stamp of the newest `move`; None while there is nothing to say."""
         ...
 
@@ -107,8 +103,8 @@ class ZeroOrderHold:
         if stamp_s > self._stamp_s:
             self._stamp_s, self._force_n = stamp_s, force_n
 
-    def predict(self) -> MethodEstimate | None:
-        return None if self._force_n is None else MethodEstimate(self._force_n)
+    def predict(self) -> Estimate | None:
+        return None if self._force_n is None else Estimate(self._force_n)
 
     def restart(self) -> None: ...
 
@@ -192,13 +188,13 @@ class PaperMethod:
     def observe(self, stamp_s: float, force_n: float) -> None:
         self._pairs.arrived(stamp_s, force_n)
 
-    def predict(self) -> MethodEstimate | None:
+    def predict(self) -> Estimate | None:
         """phi(t) theta; infinity or NaN once the recursion has overflowed."""
         if self._phi is None:
             return None
         if self._theta is None:
             self._theta = self._rls.theta.tolist()
-        return MethodEstimate(sum(map(mul, self._phi, self._theta)))
+        return Estimate(sum(map(mul, self._phi, self._theta)))
 
 
 class MbkBias:
@@ -275,11 +271,11 @@ class MbkBias:
     def observe(self, stamp_s: float, force_n: float) -> None:
         self._pairs.arrived(stamp_s, force_n)
 
-    def predict(self) -> MethodEstimate | None:
+    def predict(self) -> Estimate | None:
         """phi(t)' theta, once 200 samples have told something."""
         if self._phi is None or self._rls is None or self._rls.updates < _FEWEST_UPDATES:
             return None
-        return MethodEstimate(sum(map(mul, self._phi, self._rls.theta)), leading="model")
+        return Estimate(sum(map(mul, self._phi, self._rls.theta)))
 
 
 METHODS: Mapping[str, Callable[[ContactModel | None], Method]] = {
@@ -289,3 +285,47 @@ METHODS: Mapping[str, Callable[[ContactModel | None], Method]] = {
     "forefeel": Predictor,  # that of the master
 }
 """By name: makes one that knows nothing yet. The model of a model.yaml is for forefeel alone."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MethodTrace:
+    """What a method said at each of n stamps.
+
+    Attributes:
+        answered: where it said something. force_n, low_n, high_n: NaN where it did not, or has no band.
+        leading: the expert that led, empty where there is none.
+    """
+
+    answered: Mask
+    force_n: Array
+    low_n: Array
+    high_n: Array
+    leading: tuple[str, ...]
+
+
+def replay(recording: Recording, arrivals: Arrivals, method: Method) -> MethodTrace:
+    """At each stamp: the forces that have arrived since the last one, the own motion, then the prediction.
+
+    After a gap the method is restarted, between the forces that arrived in the gap and the next motion.
+
+    Raises:
+        ValueError: the recording has no force.
+    """
+    if recording.force_n is None:
+        raise ValueError(f"{recording.name}: no force")
+    time_s, position_m, force_n = (
+        column.tolist() for column in (recording.time_s, recording.position_m, recording.force_n)
+    )
+    starts = {piece.start for piece in recording.segments()[1:]}
+    said: list[Estimate | None] = []
+    for k, batch in enumerate(arrivals.batches()):
+        for i in batch:
+            method.observe(time_s[i], force_n[i])
+        if k in starts:
+            method.restart()
+        method.move(time_s[k], position_m[k])
+        said.append(method.predict())
+    known = [estimate or Estimate(np.nan) for estimate in said]
+    columns = np.array([estimate[:3] for estimate in known], dtype=np.float64)
+    answered, leading = np.array([each is not None for each in said]), tuple(each.leading for each in known)
+    return MethodTrace(answered, columns[:, 0], columns[:, 1], columns[:, 2], leading)

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from forefeel.common.error_size import Floats, error_size
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.evaluation.replay import Mask
+from forefeel.diagnosis.evaluation.methods import Mask
 
 REGIMES = "rest", "onset", "reversal", "cruise"
 _REST, _ONSET, _REVERSAL, _CRUISE = range(len(REGIMES))

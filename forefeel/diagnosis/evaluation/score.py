@@ -7,7 +7,7 @@ import numpy as np
 
 from forefeel.common.error_size import ErrorSize, Floats, error_size
 from forefeel.diagnosis.evaluation.arrivals import Arrivals
-from forefeel.diagnosis.evaluation.replay import Mask, MethodTrace
+from forefeel.diagnosis.evaluation.methods import Mask, MethodTrace
 
 # s after the first stamp, and the delay, before scoring begins
 SETTLING_S = 3.0
@@ -75,7 +75,7 @@ def score(
 
 def _band(force_n: Floats, trace: MethodTrace, rows: Mask) -> BandScore:
     known = rows & np.isfinite(trace.low_n) & np.isfinite(trace.high_n)
-    leading = Counter(trace.leading[k] for k in np.flatnonzero(rows) if trace.leading[k] is not None)
+    leading = Counter(trace.leading[k] for k in np.flatnonzero(rows) if trace.leading[k])
     most = leading.most_common(1)[0][0] if leading else None
     if not known.any():
         return BandScore(leading=most)
