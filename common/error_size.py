@@ -30,7 +30,6 @@ def error_size(estimate_n: Floats, force_n: Floats) -> ErrorSize:
 
 
 def rms(values: Floats) -> float:
-    """Root mean square."""
     return float(np.sqrt(np.mean(values**2)))
 
 

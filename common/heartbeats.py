@@ -47,7 +47,6 @@ class Heartbeats:
         return not self._answered if echo_ns is None else echo_ns in self._sent_ns
 
     def beat(self, session_id: int, now_ns: int) -> None:
-        """Sends one, echoing the peer's newest."""
         stamp_ns, receive_ns = self._newest or (None, None)
         self._sent_ns = (*self._sent_ns[1 - _REMEMBERED :], now_ns)
         self._publisher.send(

@@ -26,14 +26,12 @@ class Lateness:
         self.ended = False
 
     def record(self, late_ns: int) -> None:
-        """One tick that began `late_ns` after its deadline."""
         late_us = late_ns * 1e-3
         self.counts[bisect_left(EDGES_US, late_us)] += 1
         self.ticks += 1
         self.max_us = max(self.max_us, late_us)
 
     def record_on_time(self) -> None:
-        """One tick exactly at its deadline, as every one is in virtual time."""
         self.counts[0] += 1
         self.ticks += 1
 

@@ -154,7 +154,6 @@ class DaemonSettings(Settings):
 
 
 def require_distinct(names: list[str]) -> None:
-    """Raises ValueError when two axes have one name."""
     if len(set(names)) != len(names):
         raise ValueError(f"axes: names {names}: expected each name once")
 
@@ -166,7 +165,6 @@ def shared_text(cell: str, axis: str, limits: AxisLimits) -> str:
 
 
 def settings_hash(text: str) -> str:
-    """Short hash of `shared_text`."""
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
 

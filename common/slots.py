@@ -35,12 +35,10 @@ class BoundedQueue(Generic[T]):
         self.dropped = 0
 
     def put(self, value: T) -> None:
-        """Appends; never blocks."""
         self.dropped += len(self._entries) == self._entries.maxlen
         self._entries.append(value)
 
     def drain(self) -> list[T]:
-        """Everything that is in the queue now, oldest first."""
         batch: list[T] = []
         while self._entries:
             batch.append(self._entries.popleft())

@@ -143,7 +143,6 @@ class MasterAxis:
     # --- the haptic loop ---
 
     def tick(self, now_ns: int) -> None:
-        """One haptic tick: read, command, predict, render."""
         self._take_forces()
         state, stage_position_m, force = self._shown_state(now_ns), self._stage_position_m, self._force
         self.handle.show(Indication(state, stage_position_m))
@@ -263,18 +262,15 @@ class MasterAxis:
         self.events.publish(session_id, now_ns, last)
 
     def beat(self, now_ns: int) -> None:
-        """Heartbeat with the four stamps, about 20 Hz."""
         if self.session.state is not SessionState.OPEN:
             return
         self._heartbeats.beat(self.session.session_id, now_ns)
 
     def identify(self, now_ns: int) -> None:
-        """Learns from the forces that arrived; about every 5 ms."""
         del now_ns
         self.identification.run()
 
     def publish_parameters(self, now_ns: int) -> None:
-        """Publishes the contact as it is known now, about 20 Hz."""
         learner = self.identification.learner
         if learner.fits != self._judged_fits and not self._suspicion:
             self._judged_fits = learner.fits

@@ -169,7 +169,6 @@ class SlaveAxis:
         self._watch.close()
 
     def tick(self, now_ns: int) -> None:
-        """One control tick: take the commands, read, decide, move, answer."""
         assert self._control is not None, "open() comes first"
         self._take_commands()
         cleared = self._clear.take() is not None
@@ -267,11 +266,9 @@ class SlaveAxis:
         self.events.notices.add("session open")
 
     def beat(self, now_ns: int) -> None:
-        """Heartbeat with the four stamps, about 20 Hz; none without a session."""
         self._session.beat(now_ns)
 
     def announce(self, now_ns: int) -> None:
-        """The calibrations that the drivers have loaded, every two seconds."""
         self._device_reports.calibrations(self._session.holder, now_ns)
 
     def report(self, now_ns: int) -> None:

@@ -88,7 +88,6 @@ class AxisControl:
         return not self.machine.following and self.limiter.velocity_m_s == 0.0 and self._stage_rests
 
     def tick(self, now_ns: int, inputs: ControlInputs) -> ControlOutputs:
-        """One tick: take the command, let the machine react, move the setpoint."""
         stood_ns = 0 if self._previous_ns is None else now_ns - self._previous_ns
         dt_s = self._step_s(now_ns)
         transitions: list[Transition] = []

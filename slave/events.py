@@ -29,7 +29,6 @@ class SlaveEvents(AxisEvents):
         self._add_cycle = event_sink.rings.ring(key).add if event_sink.rings is not None else None
 
     def counts(self) -> dict[str, int]:
-        """Transitions that were not published, lost log lines, interventions."""
         return {
             "events_dropped": self._transitions.dropped,
             "event_lines_lost": self._event_sink.lost,
@@ -68,7 +67,6 @@ class SlaveEvents(AxisEvents):
         self._add_cycle(row)
 
     def publish(self, session_id: int, now_ns: int, last: bool = False) -> None:
-        """Publishes the transitions, then the limits that are due."""
         for (before, event, after, reason), stamp_ns in self._transitions.drain():
             header = self._safety.header(session_id, stamp_ns)
             message = SafetyEvent(**header, before=before, event=str(event), after=after, reason=reason[:256])

@@ -49,7 +49,6 @@ class _Window:
         )
 
     def move(self, command: MotionCommand) -> None:
-        """Takes an admitted command into account."""
         if 0 < self.sequence < command.sequence - 1:
             self._skipped = [*self._skipped[1 - _GAPS :], (self.sequence + 1, command.sequence - 1)]
         self.sequence, self._stamp_ns = command.sequence, command.stamp_ns

@@ -59,7 +59,6 @@ class SafetyMachine:
 
     @property
     def following(self) -> bool:
-        """Whether commands may move the stage."""
         return self.state in FOLLOWING
 
     def fire(self, event: SafetyEventName, reason: str) -> tuple[SafetyState, SafetyState] | None:

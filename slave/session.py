@@ -178,7 +178,6 @@ class SlaveSession:
         return "" if self._lease.renewed else self.lost_reason
 
     def release(self, now_ns: int, reason: str) -> None:
-        """Ends the session, so that the master asks for a new one."""
         if self._lease.live(now_ns):
             self._ended = reason
             self._lease.release(now_ns)

@@ -104,6 +104,5 @@ class Capstan(FactorEffect):
         return exp(wrap * direction(v) * copysign(1.0, force_n))
 
     def factors(self, x: Array, v: Array, force_n: Array) -> Array:
-        """exp(wrap s) at each instant."""
         wrap = self.values["wrap_rad"] + self.values["wrap_rad_m"] * np.maximum(x, 0.0)
         return np.asarray(np.exp(wrap * directions(v) * np.copysign(1.0, force_n)))

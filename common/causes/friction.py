@@ -56,7 +56,6 @@ def wound(motion: MotionGrid, breakaway_m: float) -> Array:
 
 
 def breakaways_m(extent: Extent) -> list[Shape]:
-    """Distances that are tried."""
     return log_grid(_SHORTEST * extent.stroke_m, _LONGEST * extent.stroke_m, _LENGTHS)
 
 

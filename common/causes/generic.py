@@ -71,7 +71,6 @@ class GenericForce:
         return [tuple(map(float, point)) for point in product(*axes)]
 
     def named(self, found: Found) -> Values:
-        """Every parameter by name, linear ones from the coefficients."""
         values = self.effect(found.shape).from_span([float(c) for c in found.coefficients])
         return {name: float(value) for name, value in values.items()}
 

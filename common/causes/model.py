@@ -20,7 +20,6 @@ class EffectEntry:
     site: Site | None = None
 
     def instance(self) -> Effect:
-        """The effect at rest."""
         return effect_class(self.effect)(**dict(self.parameters))
 
     def to_mapping(self) -> dict[str, object]:
@@ -57,12 +56,10 @@ class ContactModel:
         return cls(name, entries)
 
     def to_mapping(self) -> dict[str, object]:
-        """The model as plain data; `from_mapping` gives it back."""
         effects = [entry.to_mapping() for entry in self.effects]
         return {"schema": SCHEMA, "name": self.name, "effects": effects}
 
     def runtime(self) -> ContactRuntime:
-        """A fresh composition, every state at rest."""
         return ContactRuntime([(entry.instance(), entry.site) for entry in self.effects])
 
 

@@ -106,7 +106,6 @@ class SensorLag(SensorEffect):
         self._settled = False
 
     def sense(self, t: float, force_n: float, dt: float) -> float:
-        """The lagged force in N."""
         if not self._settled:
             self._lag.value, self._settled = force_n, True
         return self._lag.advance(force_n, dt)
@@ -138,7 +137,6 @@ class TimeDelay(SensorEffect):
         self._past: deque[tuple[float, float]] = deque()
 
     def sense(self, t: float, force_n: float, dt: float) -> float:
-        """The force in N of a delay ago."""
         past, then = self._past, t - self.values["delay_s"]
         past.append((t, force_n))
         while len(past) > 1 and past[1][0] <= then:
@@ -164,7 +162,6 @@ class SensorQuantisation(SensorEffect):
     remedy = "use more of the range of the converter, or a load cell of a smaller range"
 
     def sense(self, t: float, force_n: float, dt: float) -> float:
-        """The nearest level in N."""
         return round(force_n / self.values["step_n"]) * self.values["step_n"]
 
     def readings(self, t: Array, force_n: Array, dt: Array) -> Array:
@@ -182,7 +179,6 @@ class SensorSaturation(SensorEffect):
     remedy = "use a load cell of a larger range, or limit the force"
 
     def sense(self, t: float, force_n: float, dt: float) -> float:
-        """The force in N, at most the limit in magnitude."""
         return max(-self.values["limit_n"], min(self.values["limit_n"], force_n))
 
     def readings(self, t: Array, force_n: Array, dt: Array) -> Array:
@@ -224,7 +220,6 @@ class SensorSpikes(SensorEffect):
         self._spike = self._in_slot(0)
 
     def sense(self, t: float, force_n: float, dt: float) -> float:
-        """The force in N, and the newest spike where one lasts."""
         if self._slots_hz == 0.0:
             return force_n
         since = t - min(max(dt, self._duration_s), _LONGEST_S)

@@ -51,7 +51,6 @@ _MOST = 50.0
 
 
 def _exponential(depth: Array) -> Array:
-    """exp(u) - 1 - u."""
     u = np.clip(depth, -_MOST, _MOST)
     return np.asarray(np.expm1(u) - u)
 
@@ -377,6 +376,5 @@ class ContactLoss(ContactEffect):
         return depth if depth > 0.0 and depth + self._release_s * v > 0.0 else None
 
     def penetrations_m(self, x: Array, v: Array) -> Array:
-        """x - contact_position_m while the wall pushes, else nan; shape (n,)."""
         depth = x - self._contact_m
         return np.where((depth > 0.0) & (depth + self._release_s * v > 0.0), depth, np.nan)

@@ -271,7 +271,6 @@ def _predict(records: Evaluations, learneds: NDArray[np.void]) -> tuple[float, f
 
 @kernel
 def _ask(evaluation: Evaluation, learned: Learned, n: int, said_n: Array) -> None:
-    """What every member of the blend says of sample n."""
     i, j, held_n = n % RING, int(evaluation.newest) % RING, evaluation.held_n
     row, known_row = evaluation.rows[i], evaluation.known_row[0]
     experts.fill(row, evaluation.bank, i, j, held_n - learned.first_n)

@@ -183,7 +183,6 @@ def renew_stops(learning: Learning, radii_m: Array) -> None:
 
 @kernel
 def solve(learning: Learning) -> None:
-    """theta of every expert."""
     for e in range(len(NAMES)):
         _solve(learning, e)
 

@@ -40,7 +40,6 @@ class SensorModel:
         return sense
 
     def limited(self, force_n: float) -> float:
-        """The force in N within the range."""
         return max(-self.limit_n, min(self.limit_n, force_n))
 
     def at_limit(self, force_n: float) -> bool:

@@ -33,7 +33,6 @@ class Notices:
             self.add(text)
 
     def drain(self) -> list[str]:
-        """The lines since the last call, oldest first."""
         return self._queue.drain()
 
 

@@ -63,7 +63,6 @@ def long_round_trip(round_trip_s: float, limit_s: float) -> str:
 
 
 def is_long_round_trip(reason: str) -> bool:
-    """Whether a reason is one of `long_round_trip`."""
     return reason.startswith(_ROUND_TRIP)
 
 

@@ -55,7 +55,6 @@ class _ChunkedFile:
         self._put(records.Header("", LIBRARY_IDENTIFIER))
 
     def topic(self, key: str, kind: type[Message], metadata: dict[str, str]) -> _Topic:
-        """A new channel of JSON messages of that kind."""
         name = kind.__name__
         if name not in self._schemas:
             text = json.dumps(kind.model_json_schema(mode="serialization"))
@@ -102,7 +101,6 @@ class _ChunkedFile:
         self._chunk.clear()
 
     def finish(self) -> None:
-        """Writes summary and footer."""
         self.end_chunk()
         self._put(records.DataEnd(0))
         channels = [topic.channel for topic in self._topics]
@@ -227,7 +225,6 @@ class RunWriter:
             os.fsync(self._file.fileno())
 
     def close(self) -> None:
-        """Writes index and statistics and closes the file; idempotent."""
         if self._file.closed:
             return
         with self._failing_as_run_error(), self._file:

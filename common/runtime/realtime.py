@@ -27,7 +27,6 @@ _MOST_SPIN_NS = 150_000
 
 
 def raise_descriptor_limit() -> None:
-    """Sets the soft limit of open files to the hard one."""
     hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
 

@@ -27,7 +27,6 @@ class VirtualRuntime:
         self._events: list[_Event] = []
 
     def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
-        """Runs `tick` every period from now on; the lateness stays zero."""
         del name
         lateness = Lateness()
 
@@ -39,12 +38,10 @@ class VirtualRuntime:
         return lateness
 
     def task(self, name: str, period_ns: int, tick: Tick) -> None:
-        """Runs `tick` every period from now on."""
         del name
         self._push(self.clock.now_ns() + period_ns, period_ns, tick)
 
     def call_at(self, due_ns: int, action: Callable[[], None]) -> None:
-        """Runs `action` once at `due_ns` (now, when that is past)."""
         heapq.heappush(self._events, (max(due_ns, self.clock.now_ns()), next(self._order), 0, action))
 
     def compute(self, work: Callable[[Pause], T]) -> "Future[T]":

@@ -52,7 +52,6 @@ class EventLog:
 
     @property
     def lost(self) -> int:
-        """Lines lost since the start."""
         return self._failed + self._waiting.dropped
 
     def note(self, event: str, now_ns: int, axis: str, details: Mapping[str, Detail]) -> None:
@@ -61,7 +60,6 @@ class EventLog:
         self.worker.wake()
 
     def write(self) -> None:
-        """Writes the waiting lines; half a line never stays."""
         lines, lost = self._waiting.drain(), self.lost
         if not lines:
             return
@@ -76,7 +74,6 @@ class EventLog:
             self._failed += len(lines)
 
     def close(self) -> None:
-        """Writes the waiting lines and closes the file."""
         self.worker.close()
         os.close(self._descriptor)
 
@@ -167,7 +164,6 @@ class StateEventSink(EventSink):
         self.note(event, self._clock.now_ns(), what=problem or before)
 
     def close(self, reason: str) -> None:
-        """Logs the end of the daemon and closes the files."""
         self._flight.close()
         self._latch.close()
         self.note("stop", self._clock.now_ns(), reason=reason)

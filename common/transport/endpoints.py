@@ -42,7 +42,6 @@ def parts(endpoint: str) -> tuple[str, str, int]:
 
 
 def address(endpoint: str) -> str:
-    """Host and port, as in 192.0.2.7:7447."""
     return re.split("[?#]", endpoint.partition("/")[2])[0]
 
 

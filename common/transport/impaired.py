@@ -154,7 +154,6 @@ class _Lane:
         return arrive
 
     def carry(self, deliver: Callable[[], None]) -> None:
-        """Schedules `deliver` as often and as late as the link plans."""
         with self._lock:
             now_ns = self._now_ns()
             for delay_ns in self._planned_ns(now_ns):

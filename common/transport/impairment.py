@@ -102,7 +102,6 @@ class ReplayedImpairment:
         self._index = 0
 
     def plan(self, now_ns: int) -> tuple[int, ...]:
-        """See `ImpairedLink.plan`; the time changes nothing."""
         del now_ns
         delays_ns = self._trace[self._index]
         self._index = (self._index + 1) % len(self._trace)

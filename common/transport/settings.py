@@ -110,7 +110,6 @@ class ImpairmentSettings(Settings):
 
     @property
     def transparent(self) -> bool:
-        """True when every message arrives once and at once."""
         return not any(
             (self.delay_s, self.loss, self.burst_loss, self.reorder, self.duplicate, self.stalls_per_s)
         )

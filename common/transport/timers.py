@@ -27,7 +27,6 @@ class TimerThread:
         self._thread = threading.Thread(target=self._run, name="timers", daemon=True)
 
     def start(self) -> None:
-        """Starts the thread; what was asked for before is run then."""
         self._thread.start()
 
     def call_at(self, due_ns: int, action: Callable[[], None]) -> None:
@@ -54,7 +53,6 @@ class TimerThread:
                 self._on_fault(error)
 
     def _next(self) -> Callable[[], None] | None:
-        """Waits for the next action that is due; None once closed."""
         with self._changed:
             while not self._closed:
                 if not self._entries:

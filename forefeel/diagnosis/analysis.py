@@ -54,7 +54,6 @@ class Analysis:
 
     @property
     def residual_rms_n(self) -> float:
-        """What the fit leaves, in N, in the band."""
         return float(np.sqrt(np.mean(self.regression.residual(self.fit)[self.regression.signals.rows] ** 2)))
 
     @cached_property

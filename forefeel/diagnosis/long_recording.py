@@ -31,7 +31,6 @@ from forefeel.diagnosis.verdict import Cause, Interval
 
 
 def cut(recording: Recording, part: slice | Mask) -> Recording:
-    """A part of a recording, with its stamps."""
     assert recording.force_n is not None
     return Recording(
         recording.name, recording.time_s[part], recording.position_m[part], recording.force_n[part],
@@ -74,7 +73,6 @@ def cleaned_everywhere(recording: Recording, chunks: list[slice]) -> tuple[Recor
 
 
 def liveliest(recording: Recording, length_s: float) -> slice:
-    """The stretch of that length with the longest way."""
     count = min(int(length_s * recording.rate_hz), len(recording))
     step = max(1, int(0.05 * recording.rate_hz))
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(recording.position_m[::step])))])
@@ -197,11 +195,9 @@ class Whole:
         return again if self.rms_n(again) < total_n else found
 
     def rms_n(self, analysis: Analysis) -> float:
-        """What the model of an analysis leaves of all chunks, in N."""
         return _rms(self.left_n(analysis).values())
 
     def left_n(self, analysis: Analysis) -> dict[int, float]:
-        """What the model of an analysis leaves of each chunk, rms in N."""
         return {
             number: _rms(regression.residual(analysis.fit)[regression.signals.rows])
             for number, regression in self._regressions(analysis)
@@ -249,7 +245,6 @@ class Whole:
         return rows
 
     def _one_of_each(self) -> list[int]:
-        """The middle chunk of each of several recordings as one."""
         start_s = np.array([self.recording.time_s[chunk.start] for chunk in self.chunks])
         owners = np.searchsorted(self.parts_s, start_s - self.recording.time_s[0])
         own = [np.flatnonzero(owners == owner) for owner in np.unique(owners)]

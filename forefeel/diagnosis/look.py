@@ -99,7 +99,6 @@ class _Band:
 
 
 def explained_share(force: Floats, predicted: Floats) -> float:
-    """Of the variance."""
     return 1.0 - float(np.mean((force - predicted) ** 2)) / max(float(np.mean(force**2)), 1e-300)
 
 

@@ -145,7 +145,6 @@ class NoiseFloor:
         return np.asarray(self.white + self.coloured * np.maximum(frequency_hz, from_hz) ** -self.slope)
 
     def rms_n(self, low_hz: float, high_hz: float) -> float:
-        """rms of the noise between two frequencies."""
         grid = np.geomspace(low_hz, high_hz, 400)
         return float(np.sqrt(np.trapezoid(self.density(grid), grid)))
 

@@ -52,7 +52,6 @@ class Hold:
 
     @property
     def since_s(self) -> Floats:
-        """Of each sample of the hold: since it began."""
         return np.asarray(self.t[self.run] - self.t[self.run.start])
 
     @property
@@ -64,7 +63,6 @@ class Hold:
         return np.asarray(np.searchsorted(edges_s, since_s, side="right"))
 
     def fitted(self) -> list[Separable]:
-        """With no, one and two branches."""
         times = np.log(np.geomspace(4.0 * np.median(np.diff(self.t)), 0.5 * self.since_s[-1], _TIMES))
         starts = [list(map(np.array, combinations(times, count))) for count in range(3)]
         return [separable(self.branches, self.f, each) for each in starts]

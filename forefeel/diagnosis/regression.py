@@ -194,7 +194,6 @@ class RecordingRegression:
         return other
 
     def whiten_by(self, noise: Noise) -> None:
-        """Residuals are weighed by this noise from now on."""
         self.noise = noise
         self.coloured = len(noise.taps) > _WHITE
         pieces = self.signals.piecewise(fine=False)
@@ -366,7 +365,6 @@ class RecordingRegression:
         return self.signals.spectrum(np.stack(columns))
 
     def _accelerated(self, model: Model, motion: MotionGrid) -> Floats:
-        """The mass's acceleration, where it is."""
         at = {"sensor": self._motion.a, "shaft": motion.a, "wall": motion.a * motion.touching}
         return np.asarray(at[mass_site(model)])
 

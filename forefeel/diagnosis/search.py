@@ -155,7 +155,6 @@ class Search(Refiner):
         return CANDIDATES[name].grid(self.regression.extent)
 
     def _forward(self, fit: ModelFit) -> ModelFit | None:
-        """The best of all models with one more cause, when it is worth it."""
         if len(fit.model) >= MOST_CAUSES:
             return None
         best = self._best_of(fit, [name for name in self.names if not CANDIDATES[name].costly])

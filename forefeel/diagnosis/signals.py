@@ -139,7 +139,6 @@ class Signals:
         return np.concatenate([self._cut(grid, x, grid.padded, derivative) for grid, (x, _) in raw])
 
     def force_spectrum(self) -> Spectrum:
-        """Filtered spectrum of the force."""
         raw = zip(self.pieces, self._raw, strict=True)
         return np.concatenate([self._cut(grid, f, grid.padded) for grid, (_, f) in raw])
 
@@ -388,7 +387,6 @@ def gapless(recording: Recording) -> list[slice]:
 
 
 def longest_piece(recording: Recording) -> slice:
-    """The longest stretch without a gap."""
     return max(gapless(recording), key=lambda s: s.stop - s.start)
 
 

@@ -164,5 +164,4 @@ class Diagnosis:
     suspected: tuple[str, ...] = field(default=())
 
     def to_mapping(self) -> dict[str, object]:
-        """Plain data in the order of the schema."""
         return {"schema": SCHEMA, **asdict(self)}

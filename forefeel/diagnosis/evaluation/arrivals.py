@@ -58,7 +58,6 @@ class Arrivals:
     edges: Indices
 
     def batches(self) -> list[list[int]]:
-        """The samples whose force is new at each stamp, in order of arrival."""
         order, edges = self.order.tolist(), self.edges.tolist()
         return [order[start:stop] for start, stop in pairwise(edges)]
 

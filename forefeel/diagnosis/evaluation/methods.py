@@ -166,7 +166,6 @@ class PaperMethod:
         self._phi: tuple[float, float, float] | None = None
 
     def move(self, t_s: float, position_m: float) -> None:
-        """Differentiates, then learns from what arrived."""
         self._phi = self._differences(t_s, position_m)
         if self._phi is not None:
             self._pairs.remember(t_s, self._phi)
@@ -226,7 +225,6 @@ class MbkBias:
         self._velocity.reset()
 
     def move(self, t_s: float, position_m: float) -> None:
-        """Learns from what arrived."""
         self._pairs.remember(t_s, position_m)
         if self._rls is None:
             self._measure_stroke(t_s, position_m)

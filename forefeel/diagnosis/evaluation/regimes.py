@@ -65,7 +65,6 @@ class RegimeScore:
 
 
 def regimes(recording: Recording) -> Regimes:
-    """The regime of each of the n samples; shape (n,)."""
     time_s, pieces = recording.time_s, recording.segments()
     velocity = np.concatenate([_velocity(time_s[piece], recording.position_m[piece]) for piece in pieces])
     slow = np.abs(velocity) <= _REST_SHARE * np.sqrt(np.mean(velocity**2))
@@ -129,7 +128,6 @@ def _long_enough(time_s: Floats, slow: Mask) -> Mask:
 
 
 def _turned(direction: Floats) -> Mask:
-    """Where the direction is another one than the last that was known."""
     moving = np.flatnonzero(direction)
     turned = np.zeros(len(direction), dtype=np.bool_)
     turned[moving[1:]] = np.diff(direction[moving]) != 0.0
@@ -137,6 +135,5 @@ def _turned(direction: Floats) -> Mask:
 
 
 def _soon_after(time_s: Floats, event: Mask) -> Mask:
-    """Up to 0.3 s after an event, the event included."""
     newest_s = np.maximum.accumulate(np.where(event, time_s, -np.inf))
     return np.asarray(time_s - newest_s <= _AFTER_S + _ROUNDING_S)
