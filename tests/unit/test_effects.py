@@ -124,13 +124,6 @@ def test_dahl_follows_its_closed_form_at_any_speed_and_step(steps: int, speed: f
     assert glide(effect, -back, speed, steps) == pytest.approx(force_n * reversed_u, rel=1e-9)
 
 
-def test_dahl_starts_with_its_stiffness_and_holds_at_rest() -> None:
-    effect = PreslidingHysteresis(force_n=0.08, stiffness_n_m=250.0)
-    start = glide(effect, 1e-8, 1e-3, 1)
-    assert start == pytest.approx(250.0 * 1e-8, rel=1e-4)
-    assert effect.step(0.0, 0.0, 0.0, 0.0, 1.0) == start
-
-
 @pytest.mark.parametrize("steps", [1, 13, 2000])
 def test_stress_relaxation_builds_up_and_fades_exponentially(steps: int) -> None:
     k, tau, v, ramp_s, hold_s = 6.0, 0.6, 0.02, 0.5, 0.9

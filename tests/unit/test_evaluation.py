@@ -119,19 +119,6 @@ def test_on_a_contact_that_it_can_describe_a_model_beats_zoh(name: str) -> None:
     assert np.std(error[rows]) < 0.4 * np.std(zoh_error[rows])
 
 
-@pytest.mark.parametrize("loss", [0.0, 0.5])
-def test_mbk_bias_learns_its_own_contact_across_delay_and_loss(loss: float) -> None:
-    sample = made_up(duration_s=8.0, period_s=1e-3, friction_n=0.0)
-    assert sample.force_n is not None
-    late = arrivals(sample.time_s, DelayedLink(0.3, 0.05, loss))
-    trace = replay(sample, late, METHODS["mbk_bias"](None))
-    rows = (sample.time_s > 3.0) & trace.answered
-    assert np.mean(rows[sample.time_s > 3.0]) > 0.99
-    zoh_n = zoh_oracle(sample.time_s, sample.force_n, 0.3)
-    error, zoh_error = trace.force_n - sample.force_n, zoh_n - sample.force_n
-    assert np.std(error[rows]) < 0.02 * np.std(zoh_error[rows])
-
-
 def test_late_forces_meet_the_motion_of_their_own_stamp() -> None:
     pairs = Pairs[str]()
     pairs.remember(1.0, "one")

@@ -3,8 +3,7 @@ import pytest
 
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.evaluation.regimes import REGIMES, RegimeScore, by_regime, regimes
-from forefeel.evaluate.page import regime_text
-from tests.unit.evaluation_samples import Floats, recording
+from tests.unit.evaluation_samples import recording
 
 RATE_HZ = 1000.0
 PARTS = (
@@ -91,22 +90,3 @@ def test_regimes_share_the_scored_samples_and_the_squared_error() -> None:
     assert whole("zoh_rms_n") == pytest.approx(np.mean((zoh_n - force_n)[rows] ** 2), rel=1e-12)
     assert whole("forefeel_rms_n") == pytest.approx(np.mean((forefeel_n - force_n)[rows] ** 2), rel=1e-12)
     assert scores["onset"] == RegimeScore(0.0)  # it is over before the first scored sample
-
-
-def scored(zoh_n: Floats, forefeel_n: Floats | None) -> RegimeScore:
-    n = len(zoh_n)
-    return by_regime(np.full(n, 3), np.ones(n, dtype=np.bool_), np.zeros(n), zoh_n, forefeel_n)["cruise"]
-
-
-@pytest.mark.parametrize(
-    ("score", "text"),
-    [
-        (RegimeScore(0.0), "no samples"),
-        (scored(np.ones(4), np.full(4, 0.5)), "500 mN (0.500), 100 %"),
-        (scored(np.ones(4), None), "diverged, 100 %"),
-        (scored(np.zeros(4), np.ones(4)), "1 N, 100 %"),
-    ],
-    ids=["none", "usual", "diverged", "perfect zoh"],
-)
-def test_text_of_a_regime(score: RegimeScore, text: str) -> None:
-    assert regime_text(score) == text

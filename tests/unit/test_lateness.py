@@ -23,11 +23,6 @@ def bin_of(value_us: float) -> tuple[float, float]:
     return (EDGES_US[index - 1] if index else 0.0), (EDGES_US[index] if index < len(EDGES_US) else inf)
 
 
-def test_the_edges_are_eight_to_a_decade_from_a_microsecond_to_a_second() -> None:
-    assert (EDGES_US[0], EDGES_US[-1], len(EDGES_US)) == (1.0, 1e6, 49)
-    np.testing.assert_allclose(np.diff(np.log10(EDGES_US)), 1 / 8, rtol=2e-3)
-
-
 @given(LATE_NS)
 def test_a_quantile_lies_in_the_bin_of_the_true_one(late_ns: list[int]) -> None:
     lateness = recorded(late_ns)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.tabular import load_recording
-from forefeel.common.recording.units import Mapping, Quantity, parse_column
+from forefeel.common.recording.units import Mapping
 
 GOOD = "time_s,position_m,force_n\n0,0.001,1.5\n0.5,0.002,-2\n"
 
@@ -55,21 +55,6 @@ def test_a_mapping_names_columns_and_units(tmp_path: Path) -> None:
     assert recording.position_m == pytest.approx([0.001, 0.002])
     assert recording.force_n == pytest.approx([0.5, -0.25])
     assert load_recording(path, Mapping("ms:t", "mm:laser: raw")).force_n is None
-
-
-@pytest.mark.parametrize(
-    ("quantity", "unit", "expected"),
-    [
-        ("time", "s", 1), ("time", "ms", 1e-3), ("time", "us", 1e-6), ("time", "ns", 1e-9),
-        ("position", "m", 1), ("position", "cm", 1e-2), ("position", "mm", 1e-3), ("position", "um", 1e-6),
-        ("force", "N", 1), ("force", "mN", 1e-3), ("force", "kN", 1e3),
-        ("force", "gf", 9.80665e-3), ("force", "kgf", 9.80665), ("force", "lbf", 0.45359237 * 9.80665),
-    ],
-)  # fmt: skip
-def test_units(quantity: Quantity, unit: str, expected: float) -> None:
-    name, to_si = parse_column(quantity, f"{unit}:x")
-    assert name == "x"
-    assert to_si == pytest.approx(expected, rel=1e-15)
 
 
 @pytest.mark.parametrize(
