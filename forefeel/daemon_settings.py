@@ -1,55 +1,43 @@
 """The settings of a daemon, or of whoever has a YAML file of ours."""
 
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, cast
 
-from forefeel.common.config import Settings, checked, load_settings
+from forefeel.common.config import Settings, checked
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.yaml_file import Place, load_yaml
+from forefeel.common.yaml_file import load_yaml
 
 if TYPE_CHECKING:
     from forefeel.master.settings import MasterSettings
     from forefeel.slave.settings import SlaveSettings
 
+_KINDS = {
+    "slave": ("forefeel.slave.settings", "SlaveSettings"),
+    "master": ("forefeel.master.settings", "MasterSettings"),
+    "recorder": ("forefeel.network_settings", "ObserverSettings"),
+    "viewer": ("forefeel.network_settings", "ObserverSettings"),
+    "router": ("forefeel.network_settings", "RouterSettings"),
+}
+"""By role, imported when it is asked for: each daemon loads only its own side."""
 
-def load_daemon(path: Path, role: str | None = None) -> "SlaveSettings | MasterSettings":
-    """The settings of a slave's or master's YAML file, told apart by its `role`.
+
+def load_daemon(path: Path, *roles: str) -> "SlaveSettings | MasterSettings":
+    """The settings of a slave's or master's YAML file; see `load_any`."""
+    return cast("SlaveSettings | MasterSettings", load_any(path, *(roles or ("slave", "master"))))
+
+
+def load_any(path: Path, *roles: str) -> Settings:
+    """The settings of any of our YAML files, told apart by its `role`, one of `roles` where there are some.
 
     Raises:
         ConfigurationError: one line on the first mistake.
     """
     data, lines = load_yaml(path)
-    if _role(path, data, lines, (role,) if role else ("slave", "master")) == "slave":
-        from forefeel.slave.settings import SlaveSettings  # noqa: PLC0415 - each daemon loads only its own side
-
-        return checked(SlaveSettings, data, str(path), lines, path.parent)
-    from forefeel.master.settings import MasterSettings  # noqa: PLC0415
-
-    return checked(MasterSettings, data, str(path), lines, path.parent)
-
-
-def load_any(path: Path) -> Settings:
-    """The settings of any of our YAML files, told apart by its `role`.
-
-    Raises:
-        ConfigurationError: one line on the first mistake.
-    """
-    from forefeel.network_settings import ObserverSettings, RouterSettings  # noqa: PLC0415
-
-    others: dict[str, type[Settings]] = {
-        "recorder": ObserverSettings,
-        "viewer": ObserverSettings,
-        "router": RouterSettings,
-    }
-    role = _role(path, *load_yaml(path), ("slave", "master", *others))
-    return load_settings(others[role], path) if role in others else load_daemon(path)
-
-
-def _role(path: Path, data: dict[str, Any], lines: dict[Place, int], expected: tuple[str, ...]) -> str:
-    found = data.get("role")
-    if not isinstance(found, str) or found not in expected:
-        line = f":{lines[('role',)]}" if ("role",) in lines else ""
-        *first, last = (repr(role) for role in expected)
-        words = f"{', '.join(first)} or {last}" if first else last
-        raise ConfigurationError(f"{path}{line}: role = {found!r}: expected {words}")
-    return found
+    found, expected = data.get("role"), [repr(role) for role in roles or _KINDS]
+    if repr(found) not in expected:
+        line = f":{lines['role',]}" if ("role",) in lines else ""
+        raise ConfigurationError(f"{path}{line}: role = {found!r}: expected {' or '.join(expected)}")
+    module, name = _KINDS[str(found)]
+    kind: type[Settings] = getattr(import_module(module), name)
+    return checked(kind, data, str(path), lines, path.parent)

@@ -8,7 +8,6 @@ import typer
 
 from forefeel.commands.options import (
     Connect,
-    Duration,
     Insecure,
     ObservedCell,
     ObserverConfig,
@@ -46,7 +45,6 @@ def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     port: Port = 8600,
     opens: Open = False,
     vessel: Vessel = None,
-    duration: Duration = None,
     told: Annotated[bool, typer.Option("--told", hidden=True)] = False,
     quiet: Quiet = False,
 ) -> None:
@@ -57,4 +55,4 @@ def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     with extra("dashboard", *PACKAGES, command="dashboard"):
         from forefeel.dashboard.server import run_dashboard  # noqa: PLC0415
     with output(quiet=quiet):
-        run_dashboard(found, address, port, duration, insecure, opens, drawn, sys.stdin if told else None)
+        run_dashboard(found, address, port, insecure, opens, drawn, sys.stdin if told else None)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from forefeel.commands.dashboard import PACKAGES, Address, Open, Port, Vessel
-from forefeel.commands.options import Duration, Quiet, examples, extra
+from forefeel.commands.options import Quiet, examples, extra
 from forefeel.terminal import output
 
 
@@ -17,7 +17,6 @@ def view(
     port: Port = 8600,
     opens: Open = False,
     vessel: Vessel = None,
-    duration: Duration = None,
     quiet: Quiet = False,
 ) -> None:
     from forefeel.dashboard.vessel import vessel_of  # noqa: PLC0415 - the help needs none of it
@@ -26,4 +25,4 @@ def view(
     with extra("dashboard", *PACKAGES, command="view"):
         from forefeel.dashboard.server import run_view  # noqa: PLC0415
     with output(quiet=quiet):
-        run_view(file, address, port, duration, opens, drawn)
+        run_view(file, address, port, opens, drawn)

@@ -6,9 +6,8 @@ import os
 import socket
 import time
 import webbrowser
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager, closing, nullcontext, suppress
-from functools import partial
 from pathlib import Path
 from typing import TextIO
 
@@ -54,17 +53,16 @@ _HEADERS = {
 }
 
 
-def run_dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
+def run_dashboard(
     settings: ObserverSettings,
     address: str,
     port: int,
-    duration_s: float | None,
     insecure: bool,
     opens: bool,
     vessel: VesselSettings | None,
     told: TextIO | None = None,
 ) -> None:
-    """Shows a live cell until SIGINT, SIGTERM, SIGHUP or the duration.
+    """Shows a live cell until SIGINT, SIGTERM or SIGHUP.
 
     `told`: its lines, each a `Chapter`, say what is to be shown from then on.
 
@@ -95,14 +93,11 @@ def run_dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
             routes = [Route("/stop", button.press, methods=["POST"])]
             story = Story(live, Chapter(vessel=vessel))
             page = Page(listening, story, f"cell {settings.cell}", failed, address, routes)
-            ends = partial(page.follow, told) if told else partial(_until, duration_s, failed)
-            page.serve(opens, ends)
+            page.serve(opens, told)
 
 
-def run_view(
-    file: Path, address: str, port: int, duration_s: float | None, opens: bool, vessel: VesselSettings | None
-) -> None:
-    """Shows a recording until SIGINT, SIGTERM, SIGHUP or the duration, and the results that lie beside it.
+def run_view(file: Path, address: str, port: int, opens: bool, vessel: VesselSettings | None) -> None:
+    """Shows a recording until SIGINT, SIGTERM or SIGHUP, and the results that lie beside it.
 
     Raises:
         InputError: the file or the port can not be used.
@@ -114,7 +109,7 @@ def run_view(
     _step_back()
     with heeded(_exit), listening_at(address, port) as listening:
         page = Page(listening, story, str(file), [], address)
-        page.serve(opens, partial(_until, duration_s, []))
+        page.serve(opens)
 
 
 def _exit() -> None:
@@ -147,11 +142,11 @@ class StopButton:
         for _ in range(round(FOR_S / EVERY_S)):
             stopper.say(self._clock.now_ns())  # once in any case: what was heard may be of an earlier run
             await asyncio.sleep(EVERY_S)
-            outcome = stopper.outcome()
-            if outcome.done or not outcome.axes:
+            states = stopper.outcome()
+            running = [axis for axis, state in states.items() if state != SafetyState.ESTOPPED.value]
+            if not running:
                 break
-        running = [axis for axis, state in outcome.axes.items() if state != SafetyState.ESTOPPED.value]
-        return JSONResponse({"heard": bool(outcome.axes), "running": running})
+        return JSONResponse({"heard": bool(states), "running": running})
 
 
 class _Server(uvicorn.Server):
@@ -197,13 +192,13 @@ class Page:
             uvicorn.Config(app, log_level=logging.ERROR, ws_max_size=65536, timeout_graceful_shutdown=1)
         )
 
-    def serve(self, opens: bool, until: Callable[[], Awaitable[None]]) -> None:
-        """Until that ends.
+    def serve(self, opens: bool, told: TextIO | None = None) -> None:
+        """`told`: its lines are chapters; the page ends some time after the last.
 
         Raises:
-            RunError: it failed.
+            RunError: the network failed, or what the page is made of.
         """
-        self._until = until
+        self._told = told
         tell = ask if self._link.secret else say  # without the link nobody could see the page
         tell(f"dashboard of {self._what} at {self._link.url}; Ctrl-C ends")
         if opens:
@@ -213,7 +208,7 @@ class Page:
             error = self._failed[0]
             raise RunError(f"dashboard of {self._what}: {type(error).__name__}: {error}") from error
 
-    async def follow(self, lines: TextIO) -> None:
+    async def _follow(self, lines: TextIO) -> None:
         """Tells chapter after chapter; after the last until nobody looks, or without end if it stays."""
         reader = asyncio.StreamReader()
         loop = asyncio.get_running_loop()
@@ -235,17 +230,11 @@ class Page:
 
     async def _watched(self) -> None:
         try:
-            await self._until()
+            if self._told is not None:
+                await self._follow(self._told)
+            while self._told is None and not self._failed:  # noqa: ASYNC110 - a list
+                await asyncio.sleep(_POLL_S)
         except Exception as error:  # noqa: BLE001 - said when the page has ended
             self._failed.append(error)
         finally:
             self._server.should_exit = True
-
-
-async def _until(duration_s: float | None, failed: list[Exception]) -> None:
-    """Until the duration is over or the network failed."""
-    start_s = time.monotonic()
-    while not failed and (  # noqa: ASYNC110 - a list
-        duration_s is None or time.monotonic() - start_s < duration_s
-    ):
-        await asyncio.sleep(_POLL_S)

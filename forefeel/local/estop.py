@@ -10,7 +10,7 @@ import time
 from collections.abc import Sequence
 from optparse import IndentedHelpFormatter, OptionParser
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import NoReturn
 
 from forefeel.common.errors import ConfigurationError, RunError, check_config_alone
 from forefeel.common.events.console import printable
@@ -18,9 +18,6 @@ from forefeel.common.state.folder import unnamed_path
 from forefeel.common.yaml_file import load_yaml
 from forefeel.local.client import LONGEST_TEXT, Request, ask
 from forefeel.terminal import say
-
-if TYPE_CHECKING:
-    from forefeel.local import stop
 
 EXAMPLES = (
     "forefeel estop --config deploy/config/slave.yaml --reason 'catheter kinked'",
@@ -108,8 +105,9 @@ def estop(  # noqa: PLR0913 - one parameter per option
         caller = stop.viewer(cell, connect or (), pki, through_router, insecure)
     if why:
         say(why)
-    axes, where = tuple(axis or caller.axes), ", ".join(caller.transport.connect)
-    _confirm(stop.stop_over_network(caller, axes, stop.who(), reason), f"cell {caller.cell} at {where}")
+    states = stop.stop_over_network(caller, tuple(axis or caller.axes), reason)
+    where = ", ".join(caller.transport.connect)
+    _confirm(states, stop.all_stopped(states), f"cell {caller.cell} at {where}")
 
 
 def state_folder(config: Path) -> Path | None:
@@ -146,16 +144,16 @@ def _stopped_here(config: Path, reason: str) -> bool:
     return True
 
 
-def _confirm(outcome: "stop.StopOutcome", whom: str) -> None:
+def _confirm(states: dict[str, str], done: bool, whom: str) -> None:
     """Says what came of a stop over the network.
 
     Raises:
         RunError: it is not confirmed.
     """
-    axes = [f"axis {axis}: {state}" for axis, state in outcome.axes.items()]
-    _tell(*axes, *[_stopped()] * outcome.done)
-    if not outcome.done:
-        heard = ", ".join(f"axis {axis} {state}" for axis, state in outcome.axes.items()) or "no slave heard"
+    axes = [f"axis {axis}: {state}" for axis, state in states.items()]
+    _tell(*axes, *[_stopped()] * done)
+    if not done:
+        heard = ", ".join(axes) or "no slave heard"
         raise RunError(
             f"EMERGENCY STOP NOT CONFIRMED by {whom} in {_since_start_s():.1f} s ({heard}): "
             "USE THE STOP OF THE MACHINE ITSELF"

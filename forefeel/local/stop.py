@@ -3,7 +3,7 @@
 import socket
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -31,15 +31,9 @@ _ANYWHERE = ("0.0.0.0", "[::]", "")
 _NO_NAME = "unknown-host"
 
 
-class StopOutcome(NamedTuple):
-    """What the slave said of each axis: its state, `not heard` without a word."""
-
-    axes: dict[str, str]
-
-    @property
-    def done(self) -> bool:
-        """Whether every axis acknowledges the stop, and there is one."""
-        return bool(self.axes) and set(self.axes.values()) == {SafetyState.ESTOPPED.value}
+def all_stopped(states: Mapping[str, str]) -> bool:
+    """Whether every axis acknowledges the stop, and there is one."""
+    return set(states.values()) == {SafetyState.ESTOPPED.value}
 
 
 @dataclass
@@ -91,10 +85,9 @@ class Stopper:
             header = publisher.header(0, now_ns)
             publisher.send(EmergencyStop(**header, source=self.source, reason=self.reason))
 
-    def outcome(self) -> StopOutcome:
-        """As it is now; an axis that is only heard counts, too: a stop stops the cell."""
-        found: dict[str, str] = dict.fromkeys(self.axes, "not heard")
-        return StopOutcome({**found, **self.states})
+    def outcome(self) -> dict[str, str]:
+        """State by axis as it is now; one that is only heard counts, too: a stop stops the cell."""
+        return {**dict.fromkeys(self.axes, "not heard"), **self.states}
 
 
 class Caller(NamedTuple):
@@ -109,8 +102,10 @@ class Caller(NamedTuple):
     axes: tuple[str, ...] = ()
 
 
-def stop_over_network(caller: Caller, axes: tuple[str, ...], source: str, reason: str) -> StopOutcome:
+def stop_over_network(caller: Caller, axes: tuple[str, ...], reason: str) -> dict[str, str]:
     """Says the stop every 20 ms, and with each news, until every axis shows it, or 2 s have gone.
+
+    Returns what each axis said last.
 
     Raises:
         InputError: an endpoint, a certificate or a name can not be used.
@@ -124,13 +119,13 @@ def stop_over_network(caller: Caller, axes: tuple[str, ...], source: str, reason
     try:
         if opened.notice:
             say(opened.notice)
-        stopper, start_s = Stopper(opened, cell, axes, source, reason[:256]), time.monotonic()
+        stopper, start_s = Stopper(opened, cell, axes, _who(), reason[:256]), time.monotonic()
         while True:
             stopper.say(clock.now_ns())
             if stopper.news.wait(EVERY_S):
                 stopper.news.clear()
             outcome = stopper.outcome()
-            if outcome.done or time.monotonic() - start_s > FOR_S:
+            if all_stopped(outcome) or time.monotonic() - start_s > FOR_S:
                 return outcome
     finally:
         opened.close()
@@ -173,7 +168,7 @@ def _towards(settings: DaemonSettings) -> TransportSettings:
     return transport.model_copy(update={"listen": (), "connect": targets})
 
 
-def who() -> str:
+def _who() -> str:
     """Who asks, as a name that a message can carry: this host's."""
     text = socket.gethostname() or _NO_NAME
     return "".join(c if c.isascii() and (c.isalnum() or c in "_.-") else "-" for c in text)[:64]

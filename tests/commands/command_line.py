@@ -7,18 +7,9 @@ from typing import Any
 import pytest
 import typer
 
-from forefeel.cli import app
+from forefeel import cli
 
-COMMANDS = [
-    ["slave"], ["master"], ["config", "check"], ["record"], ["metrics"], ["dashboard"], ["view"], ["report"],
-    ["router"], ["loopback"], ["emulate"], ["demo"],
-    ["evaluate"], ["simulate"], ["diagnose"],
-    ["prior", "list"], ["prior", "show"], ["prior", "forget"],
-    ["pki", "init"], ["pki", "show"],
-    ["doctor"], ["devices"], ["device", "probe"],
-    ["calibrate", "load-cell"], ["calibrate", "stage"],
-    ["estop"], ["clear"],
-]  # fmt: skip
+COMMANDS = [name.split() for name in cli.COMMANDS]
 ROOT = Path(__file__).parents[2]
 
 
@@ -28,7 +19,7 @@ def contents(folder: Path) -> dict[Path, bytes | None]:
 
 def group(path: Sequence[str]) -> Any:  # noqa: ANN401 - typer's own command class, private to it
     """The command at that path of the command tree."""
-    command: Any = typer.main.get_command(app)
+    command: Any = typer.main.get_command(cli.app)
     for name in path:
         command = command.commands[name]
     return command

@@ -34,13 +34,6 @@ def test_the_help_of_a_command_has_an_example_that_its_options_allow(command: li
         group(command).make_context(command[-1], words[1 + len(command) :]).close()
 
 
-def test_every_command_is_known_to_this_test() -> None:
-    tree = {name: getattr(command, "commands", {}) for name, command in group([]).commands.items()}
-    leaves = [[name, sub] for name, subs in tree.items() for sub in subs]
-    leaves += [[name] for name, subs in tree.items() if not subs]
-    assert sorted(COMMANDS) == sorted(leaves)
-
-
 @pytest.mark.parametrize("name", ["slave.yaml", "master.yaml", "recorder.yaml", "router.yaml"])
 def test_config_check_prints_settings_that_load_again(
     run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str], tmp_path: Path, name: str

@@ -97,10 +97,7 @@ BAD = {
     "one stem twice": ("@/a.csv @/b/a.csv", ("2 files", "'a'"), {"a.csv": GOOD, "b/a.csv": GOOD}),
     "delay negative": ("@/a.csv --delay -1", ("--delay",), {"a.csv": GOOD}),
     "delay no number": ("@/a.csv --delay soon", ("--delay",), {"a.csv": GOOD}),
-    "unit of time": ("@/a.csv --time min:t", ("time = 'min:t'",), {"a.csv": GOOD}),
-    "unit of position": ("@/a.csv --position N:x", ("position = 'N:x'",), {"a.csv": GOOD}),
     "unit": ("@/a.csv --force V:load", ("force = 'V:load'",), {"a.csv": GOOD}),
-    "column": ("@/a.csv --force N:load", ("'load'",), {"a.csv": GOOD}),
     "model missing": ("@/a.csv --model @/m.yaml", ("m.yaml", "No such file"), {"a.csv": GOOD}),
     "model that learns nothing": (
         "@/a.csv --model @/m.yaml",
