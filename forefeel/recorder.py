@@ -85,17 +85,13 @@ class Recorder:
         return self._transport.peers() > 0
 
     @property
-    def lost(self) -> int:
-        return self._queue.dropped
-
-    @property
     def written(self) -> int:
         return self._writer.written
 
     @property
     def missed(self) -> dict[str, int]:
         """What was heard and does not stand in the file, by reason."""
-        return {"lost": self.lost, "malformed": self._writer.malformed}
+        return {"lost": self._queue.dropped, "malformed": self._writer.malformed}
 
     @property
     def summary(self) -> str:
