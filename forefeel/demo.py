@@ -12,7 +12,7 @@ from forefeel.common.yaml_file import dump_mapping
 from forefeel.dashboard.chapter import Chapter
 from forefeel.diagnose.examine import FILES, MODEL, PAGE, Task, examine
 from forefeel.diagnose.folder import EARLIER, save
-from forefeel.diagnose.run import LONG, draw
+from forefeel.diagnose.run import draw, stages
 from forefeel.diagnosis.verdict import Cause, Diagnosis
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
@@ -22,7 +22,7 @@ from forefeel.loopback.viewer import DashboardProcess
 from forefeel.report.model import RunReport
 from forefeel.report.transparency import Transparency
 from forefeel.report.wording import DISCLAIMER, plain_value, share, shown, split_unit
-from forefeel.terminal import say, show, stages
+from forefeel.terminal import say, show
 
 Effects = Mapping[str, Mapping[str, float]]
 
@@ -87,8 +87,7 @@ def _model(name: str) -> str:
 
 def _diagnosed(recording: Path, folder: Path) -> Diagnosis:
     fresh_folder(folder, FILES, EARLIER, overwrite=True)
-    with stages("diagnosis", LONG) as tell:
-        result, page = examine(Task(recording), tell)
+    result, page = examine(Task(recording), stages("diagnosis"))
     save(folder, result, [])
     draw(page, "diagnosis", folder, [])
     return result.diagnosis

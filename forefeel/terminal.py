@@ -7,19 +7,16 @@ elsewhere stderr gets plain lines. `--json` and `--quiet` are set with `output`,
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from types import MappingProxyType
 from typing import IO, TYPE_CHECKING
 
 from forefeel.common.events.console import printable
 
 if TYPE_CHECKING:
     from rich.console import Console, RenderableType
-    from rich.progress import Progress, ProgressColumn
     from rich.table import Table
 
-Tell = Callable[[str], None]
 Show = Callable[[float, str], None]
 _CLEAR = b"\r\x1b[2K\x1b[?25h"
 """Takes a bar from a terminal and gives the cursor back."""
@@ -151,48 +148,24 @@ def table(*columns: str, title: str | None = None, right: Sequence[str] = ()) ->
     return made
 
 
-def _progress(*columns: "ProgressColumn") -> "Progress":
-    """It goes when it is done; an answer meanwhile goes to stdout, where that is no terminal."""
-    from rich.progress import Progress  # noqa: PLC0415 - as in `console`
-
-    redirect = sys.stdout.isatty()
-    return Progress(*columns, console=console(sys.stderr), transient=True, redirect_stdout=redirect)
-
-
 @contextmanager
 def bar(total: float, count: str = "{task.completed:.0f} / {task.total:.0f}") -> Iterator[Show]:
-    """A bar on stderr, and a function that is given how much of the total is done and what is going on."""
-    if not _watched():
+    """A bar on a terminal at stderr, and a function that is given how much of the total is done, and what is
+    going on. It goes when it is done; an answer meanwhile goes to stdout, where that is no terminal.
+    """
+    if _mode.quiet or not sys.stderr.isatty():
         yield lambda _done, _what: None
         return
-    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415 - as in `console`
+    from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn  # noqa: PLC0415 - as in `console`
 
-    words = TextColumn("{task.description:>12}", markup=False)
-    with _progress(words, BarColumn(bar_width=40), TextColumn(count), TimeRemainingColumn()) as shown:
+    with Progress(
+        TextColumn("{task.description:>12}", markup=False),
+        BarColumn(bar_width=40),
+        TextColumn(count),
+        TimeRemainingColumn(),
+        console=console(sys.stderr),
+        transient=True,
+        redirect_stdout=sys.stdout.isatty(),
+    ) as shown:
         task = shown.add_task("starting", total=total)
         yield lambda done, what: shown.update(task, completed=min(done, total), description=what)
-
-
-@contextmanager
-def stages(name: str, words: Mapping[str, str] = MappingProxyType({})) -> Iterator[Tell]:
-    """A function that is told the stage before it starts: a spinner; on no terminal a line for each that has
-    words. What is over before anyone wonders needs none.
-    """
-
-    def line(stage: str) -> str:
-        return f"{name}: {words.get(stage, stage)}"
-
-    if not _watched():
-        yield lambda stage: say(line(stage)) if stage in words else None
-        return
-    from rich.progress import SpinnerColumn, TextColumn, TimeElapsedColumn  # noqa: PLC0415 - as in `console`
-
-    with _progress(
-        SpinnerColumn(), TextColumn("{task.description}", markup=False), TimeElapsedColumn()
-    ) as bar:
-        task = bar.add_task(name)
-        yield lambda stage: bar.update(task, description=line(stage))
-
-
-def _watched() -> bool:
-    return sys.stderr.isatty() and not _mode.quiet

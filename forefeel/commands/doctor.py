@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from forefeel.commands.options import AsJson, Quiet, examples
-from forefeel.terminal import SHADES, answer, output, stages, table
+from forefeel.terminal import SHADES, answer, output, say, table
 
 
 @examples(
@@ -30,8 +30,7 @@ def doctor(
     from forefeel.doctor.host import HostProbe  # noqa: PLC0415
 
     with output(as_json, quiet):
-        with stages("looking") as tell:
-            findings = examine(config or [], HostProbe(), tell, os.environ)
+        findings = examine(config or [], HostProbe(), say, os.environ)
         counts = {level: Counter(each.level for each in findings)[level] for level in LEVELS}
         worst = next((level for level in reversed(LEVELS) if counts[level]), "green")
         shown = table("", "group", "what", "found", "what to do")

@@ -23,13 +23,13 @@ from forefeel.diagnosis.diagnose import Diagnosed, diagnose
 from forefeel.diagnosis.extended import extended_model
 from forefeel.diagnosis.plausibility import Question, question
 from forefeel.diagnosis.verdict import Diagnosis
-from forefeel.terminal import Tell
 
 if TYPE_CHECKING:
     from forefeel.diagnosis.prediction import Across
 
 JSON, PAGE, MODEL = "diagnosis.json", "report.html", "model.yaml"
 FILES = MODEL, JSON, PAGE
+Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)

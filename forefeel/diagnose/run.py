@@ -5,19 +5,24 @@ from dataclasses import replace
 from pathlib import Path
 
 from forefeel.common.errors import ConfigurationError, RunError
-from forefeel.diagnose.examine import FILES, JSON, PAGE, Task, examine
+from forefeel.diagnose.examine import FILES, JSON, PAGE, Task, Tell, examine
 from forefeel.diagnose.folder import EARLIER, recordings_in, run_folder, save
 from forefeel.files import folder_named_after, fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
-from forefeel.terminal import answer, complain, say, stages
+from forefeel.terminal import answer, complain, say
 
-LONG = {
+_LONG = {
     "search": "searching for causes",
     "trust": "weighing the evidence",
     "prediction": "predicting across 300 ms",
     "report": "drawing the report",
 }
 """The others are over before anyone wonders, and wrong input ends in them: its one line stands alone."""
+
+
+def stages(name: str) -> Tell:
+    """Says the stages of a diagnosis that take long."""
+    return lambda stage: say(f"{name}: {_LONG[stage]}") if stage in _LONG else None
 
 
 def run_diagnosis(
@@ -55,8 +60,7 @@ def run_diagnosis(
     name = "together" if beside else first.stem
     with ends_in_order("diagnosis", out) as written:
         fresh_folder(out, FILES, EARLIER, overwrite)
-        with stages(name, LONG) as tell:
-            result, page = examine(task, tell)
+        result, page = examine(task, stages(name))
         save(out, result, written)
         where = f"{', '.join(result.texts)} in {out}"
         answer(*result.lines, where, document=lambda: result.texts[JSON])
@@ -67,9 +71,8 @@ def run_diagnosis(
 def draw(page: Callable[[], str], name: str, out: Path, written: list[str]) -> None:
     """A page that fails is one line: the diagnosis is there."""
     try:
-        with stages(name, LONG) as tell:
-            tell("report")
-            text = page()
+        stages(name)("report")
+        text = page()
     except RunError as error:
         complain(str(error))
         return

@@ -16,7 +16,7 @@ from forefeel.loopback.hardware import check_hardware, on_bench
 from forefeel.loopback.plan import STATE, LoopbackOptions, Plan, make_plan
 from forefeel.loopback.real import run_real
 from forefeel.loopback.viewer import DashboardProcess
-from forefeel.terminal import Show, answer, bar, say, stages, warn
+from forefeel.terminal import Show, answer, bar, say, warn
 
 if TYPE_CHECKING:
     from forefeel.report.model import RunReport
@@ -96,11 +96,9 @@ def recorded_run(
             viewer.start()
             viewer.tell(viewer.chapter.model_copy(update={"vessel": plan.vessel()}))
         _run(plan, options, folder, how.virtual, written, viewer)
-        with stages("loopback") as tell:
-            tell("writing the report")
-            from forefeel.report.page import write_report  # noqa: PLC0415 - as above
+        from forefeel.report.page import write_report  # noqa: PLC0415 - as above
 
-            return write_report(folder / RECORDING, folder)
+        return write_report(folder / RECORDING, folder)
 
 
 def _make_prior_dir(folder: Path) -> None:

@@ -34,7 +34,7 @@ from forefeel.report.template import render
 from forefeel.report.traces import AxisTraces, ParameterTraces, axis_traces
 from forefeel.report.transparency import JND_FLOOR_N, JND_SHARE, Transparency
 from forefeel.report.wording import DISCLAIMER, in_order, micros, named, number, ratio, scale, share
-from forefeel.terminal import answer, stages
+from forefeel.terminal import answer
 
 FILES = ("report.json", "report.html")
 _TRIM = 0.002
@@ -85,9 +85,7 @@ def run_report(recording: Path, out: Path, overwrite: bool) -> RunReport:
         RunError: interrupted, or the report can not be written.
     """
     with ends_in_order("report", out) as written:
-        with stages("report") as tell:
-            tell("reading the recording")
-            report, pages = make_pages(Run(recording))
+        report, pages = make_pages(Run(recording))
         fresh_folder(out, FILES, "an earlier report", overwrite)
         write_all(out, pages, written)
     answer(*ten_lines(report, out), document=report.to_json)

@@ -62,12 +62,3 @@ def test_a_long_line_is_not_wrapped_and_a_table_fits(monkeypatch: pytest.MonkeyP
     assert long == "z" * 300
     assert max(map(len, rows)) == terminal.PLAIN_WIDTH
     assert sum(row.count("x") for row in rows) == 300
-
-
-def test_stages_are_lines_without_a_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    with terminal.stages("run", {"a": "reading"}) as tell:
-        tell("a")
-        tell("b")
-    with terminal.output(quiet=True), terminal.stages("run", {"a": "reading"}) as tell:
-        tell("a")
-    assert capsys.readouterr().err == "run: reading\n"

@@ -73,8 +73,8 @@ def test_an_answer_while_a_bar_is_shown_goes_to_stdout(monkeypatch: pytest.Monke
     out, err = io.StringIO(), Terminal()
     monkeypatch.setattr(sys, "stdout", out)
     monkeypatch.setattr(sys, "stderr", err)
-    with terminal.stages("run") as tell:
-        tell("a")
+    with terminal.bar(1.0) as show:
+        show(0.5, "a")
         terminal.answer("found", document=dict)
         terminal.say("a remark")
     assert out.getvalue() == "found\n"
