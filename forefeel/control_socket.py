@@ -109,8 +109,6 @@ class ControlSocket:
 
 
 class SlaveRequests:
-    """Answers requests at the slave: stop, clear."""
-
     def __init__(self, daemon: "SlaveDaemon", event_sink: EventSink, clock: Clock) -> None:
         self._daemon, self._event_sink, self._clock = daemon, event_sink, clock
 

@@ -117,7 +117,6 @@ def _within(score: Transparency) -> str:
 
 
 def _named(found: Diagnosis) -> list[Cause]:
-    """What was hidden and is found."""
     return [cause for cause in found.causes if cause.name in HIDDEN]
 
 

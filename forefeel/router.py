@@ -47,7 +47,6 @@ def _greet(settings: RouterSettings, notice: str) -> None:
 
 
 def _watch(session: zenoh.Session, duration_s: float | None, stop: Stop) -> None:
-    """Says each link that is added or removed."""
     channel: zenoh.handlers.RingChannel[zenoh.LinkEvent] = zenoh.handlers.RingChannel(_KEPT_EVENTS)
     looks = count(1)
     attend = service_watchdog(lambda: "routing", lambda: next(looks))

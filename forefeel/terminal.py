@@ -66,7 +66,6 @@ def complain(text: str) -> None:
 
 
 def flush() -> None:
-    """What was said goes out, as far as somebody hears it."""
     for stream in sys.stdout, sys.stderr:
         with suppress(OSError):
             stream.flush()

@@ -88,7 +88,6 @@ def _in_url(address: str) -> str:
 
 
 def _names() -> list[str]:
-    """What this host is called, and its addresses."""
     addresses = (each.ip for adapter in ifaddr.get_adapters() for each in adapter.ips)
     numbers = [_in_url(each if isinstance(each, str) else each[0]) for each in addresses]
     return [socket.gethostname(), socket.getfqdn(), *numbers]

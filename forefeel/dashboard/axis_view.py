@@ -1,7 +1,6 @@
 """What is known of one axis: the traces of the charts and the newest of what was said. Pure, bounded."""
 
-from math import isfinite, nan
-from typing import NamedTuple
+from math import nan
 
 from forefeel.common.messages import (
     ForceSample,
@@ -28,20 +27,7 @@ _AHEAD_S = 1.0
 _ENERGY_BIN_S = 0.2
 
 
-class CommandPrediction(NamedTuple):
-    """What the master said when it sent a command."""
-
-    session_id: int
-    sequence: int
-    low_n: float
-    high_n: float
-    predicted_n: float
-    late_n: float
-
-
 class Newest:
-    """The newest message of each kind, and when it was heard."""
-
     def __init__(self) -> None:
         self.haptics: HapticSample | None = None
         self.force: ForceSample | None = None
@@ -89,12 +75,11 @@ class AxisView:
         self.events = EventList()
         self.delays = SampleRing(round(SPAN_S * _RATE_HZ), 2)
         self.worst_energy_j = 0.0
-        self._said: list[CommandPrediction | None] = [None] * _REMEMBERED_COMMANDS
+        self._said: list[HapticSample | None] = [None] * _REMEMBERED_COMMANDS
         self._answered: tuple[int, int] | None = None
         self._slip_m = 0.0
 
     def take(self, topic: Topic[Message], message: Message, receive_ns: int) -> None:
-        """A message of a topic, heard at `receive_ns`."""
         newest = self.newest
         match message:
             case HapticSample():
@@ -122,19 +107,12 @@ class AxisView:
         traces["commanded"].add(t_s, sample.command_position_m)
         traces["energy"].add(t_s, sample.energy_j)
         self.worst_energy_j = min(self.worst_energy_j, sample.energy_j)
-        said = CommandPrediction(
-            sample.session_id,
-            sample.sequence,
-            *(
-                nan if n is None else n
-                for n in (sample.low_n, sample.high_n, sample.predicted_n, sample.zoh_n)
-            ),
-        )
         if sample.predicted_n is not None:
-            traces["predicted"].add(t_s, sample.predicted_n, said.low_n, said.high_n)
+            low_n, high_n = (nan if end is None else end for end in (sample.low_n, sample.high_n))
+            traces["predicted"].add(t_s, sample.predicted_n, low_n, high_n)
         if sample.zoh_n is not None:
-            traces["late"].add(t_s, sample.zoh_n, said.predicted_n)
-        self._said[sample.sequence % _REMEMBERED_COMMANDS] = said
+            traces["late"].add(t_s, sample.zoh_n, nan if sample.predicted_n is None else sample.predicted_n)
+        self._said[sample.sequence % _REMEMBERED_COMMANDS] = sample
         answered = None if sample.answered_sequence is None else (sample.session_id, sample.answered_sequence)
         if sample.delay_s is not None and answered not in (None, self._answered):
             self._answered = answered
@@ -151,9 +129,11 @@ class AxisView:
             return
         self.traces["measured"].add(t_s, sample.force_n)
         said = self._said_with(sample)
-        if said is not None and isfinite(said.predicted_n + said.late_n):
-            self.comparison.add(now_s, said.predicted_n, said.late_n, sample.force_n)
-        if said is not None and isfinite(said.low_n + said.high_n):
+        if said is None:
+            return
+        if said.predicted_n is not None and said.zoh_n is not None:
+            self.comparison.add(now_s, said.predicted_n, said.zoh_n, sample.force_n)
+        if said.low_n is not None and said.high_n is not None:
             self.watch.force(now_s, not said.low_n <= sample.force_n <= said.high_n)
 
     def _place_s(self, sample: ForceSample, now_s: float) -> float:
@@ -163,10 +143,10 @@ class AxisView:
         t_s = self.timeline.stamp_s(stamp_ns)
         return t_s if now_s - SPAN_S < t_s < now_s + _AHEAD_S else now_s
 
-    def _said_with(self, sample: ForceSample) -> CommandPrediction | None:
-        """What was said with the command that a force answers."""
+    def _said_with(self, sample: ForceSample) -> HapticSample | None:
+        """Of the master, with the command that a force answers."""
         if sample.answers_sequence is None:
             return None
         said = self._said[sample.answers_sequence % _REMEMBERED_COMMANDS]
-        own = said is not None and said[:2] == (sample.session_id, sample.answers_sequence)
-        return said if own else None
+        answered = sample.session_id, sample.answers_sequence
+        return said if said is not None and (said.session_id, said.sequence) == answered else None

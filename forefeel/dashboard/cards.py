@@ -163,7 +163,6 @@ def _parameter(name: str, value: float, deviation: float) -> Card:
 
 
 def _known(value: float, deviation: float) -> str:
-    """How well a parameter is known, in a word."""
     if deviation <= 0.0:
         return "fixed"
     share = abs(value) / deviation

@@ -64,7 +64,6 @@ class ModelWatch:
         self._bad = self._good = 0
 
     def innovation(self, t_s: float, rms_n: float) -> None:
-        """What the model says of its own errors."""
         self._at(t_s)
         self._innovations.append(rms_n)
 

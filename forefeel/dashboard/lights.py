@@ -1,11 +1,11 @@
 """How link, lease and safety stand: a light and a word for each. Pure: time is an argument."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from forefeel.common.events.console import printable
 from forefeel.common.events.text import is_long_round_trip, span
 from forefeel.common.messages import SafetyState, SlaveState
-from forefeel.common.topics import MASTER_STATE, SLAVE_STATE
+from forefeel.common.topics import MASTER_STATE, SLAVE_STATE, Topic
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.event_log import Level
 
@@ -34,7 +34,6 @@ class Light(NamedTuple):
 
 
 def lights(view: AxisView, now_ns: int) -> list[Light]:
-    """Link, lease, safety and deadman of an axis."""
     return [_link(view, now_ns), _lease(view, now_ns), _safety(view, now_ns), _deadman(view, now_ns)]
 
 
@@ -44,25 +43,17 @@ def silent_s(heard_ns: int | None, now_ns: int, since_ns: int) -> float | None:
     return quiet_ns * 1e-9 if quiet_ns > SILENT_NS else None
 
 
-def _quiet(view: AxisView, topic: str, stale_s: float | None, now_ns: int) -> str:
-    """What there is to say of an end that is not heard, or empty."""
-    heard_ns, who = view.newest.heard_ns.get(topic), topic.partition("/")[0]
+def _quiet(view: AxisView, state: Topic[Any], now_ns: int) -> str:
+    """What there is to say of an end whose state is not heard, or empty."""
+    heard_ns = view.newest.heard_ns.get(state.name)
     if heard_ns is None:
-        return f"no {who} heard yet"
+        return f"no {state.publisher} heard yet"
     age_s = (now_ns - heard_ns) * 1e-9
-    return f"{who} silent for {span(age_s)}" if age_s > (stale_s or 0.0) else ""
-
-
-def _slave_quiet(view: AxisView, now_ns: int) -> str:
-    return _quiet(view, SLAVE_STATE.name, SLAVE_STATE.stale_after_s, now_ns)
-
-
-def _master_quiet(view: AxisView, now_ns: int) -> str:
-    return _quiet(view, MASTER_STATE.name, MASTER_STATE.stale_after_s, now_ns)
+    return f"{state.publisher} silent for {span(age_s)}" if age_s > (state.stale_after_s or 0.0) else ""
 
 
 def _link(view: AxisView, now_ns: int) -> Light:
-    quiet = [text for text in (_master_quiet(view, now_ns), _slave_quiet(view, now_ns)) if text]
+    quiet = [text for text in (_quiet(view, state, now_ns) for state in (MASTER_STATE, SLAVE_STATE)) if text]
     if quiet:
         return Light("link", "bad", "silent", "; ".join(quiet))
     state = view.newest.master
@@ -78,11 +69,11 @@ def _link(view: AxisView, now_ns: int) -> Light:
 
 def _lease(view: AxisView, now_ns: int) -> Light:
     slave, master = view.newest.slave, view.newest.master
-    if slave is None or _slave_quiet(view, now_ns):
+    if slave is None or _quiet(view, SLAVE_STATE, now_ns):
         return Light("lease", "off", "unknown", "no slave")
     if not slave.session_id:
         return Light("lease", "off", "free", "no master holds it")
-    if master is None or _master_quiet(view, now_ns):
+    if master is None or _quiet(view, MASTER_STATE, now_ns):
         return Light("lease", "warn", "held", "by a master that is not heard here")
     if slave.session_id != master.session_id:
         return Light("lease", "warn", "held by another", "the slave serves another session")
@@ -90,7 +81,7 @@ def _lease(view: AxisView, now_ns: int) -> Light:
 
 
 def _safety(view: AxisView, now_ns: int) -> Light:
-    slave, quiet = view.newest.slave, _slave_quiet(view, now_ns)
+    slave, quiet = view.newest.slave, _quiet(view, SLAVE_STATE, now_ns)
     if slave is None:
         return Light("safety", "off", "unknown", quiet)
     word = safety_word(slave)
@@ -106,7 +97,7 @@ def safety_word(slave: SlaveState) -> str:
 
 def _deadman(view: AxisView, now_ns: int) -> Light:
     master = view.newest.master
-    if master is None or _master_quiet(view, now_ns):
+    if master is None or _quiet(view, MASTER_STATE, now_ns):
         return Light("deadman", "off", "unknown", "no master")
     if master.deadman:
         return Light("deadman", "good", "pressed", "may move")

@@ -64,7 +64,6 @@ class Story:
         return self._source.facts() | {"chapter": chapter, "vessel": vessel}
 
     async def result(self, asked: Request) -> FileResponse:
-        """One of the chapter's pages."""
         path: Path | None = self.chapter.pages.get(asked.path_params["words"])
         if path is None:
             raise HTTPException(404)

@@ -42,7 +42,6 @@ class MinMaxTrace:
         self._high: tuple[float, ...] = ()
 
     def add(self, t_s: float, *values: float) -> None:
-        """A sample at `t_s`."""
         number, row = floor(t_s / self._bin_s), (t_s, *values)
         if number == self._bin:
             if row[1] < self._low[1]:

@@ -18,7 +18,6 @@ _NEAR_NOISE = 1.5  # ratio of an error to the noise
 
 
 def next_steps(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]:
-    """One or two steps, one a line."""
     motion, verdict = diagnosis.suggested_motion, diagnosis.verdict
     if verdict == "cause_found":
         return [*_on_the_bench(diagnosis), *_with_the_model(across)]

@@ -73,7 +73,6 @@ def on_readings(diagnosis: Diagnosis) -> bool:
 
 
 def gain_text(held: HeldOut) -> str:
-    """The gain on held-out blocks with its interval: less, or more, error."""
     word = "less" if held.gain >= 0.0 else "more"
     ends = sorted(100.0 * (end if held.gain >= 0.0 else -end) for end in (held.gain_low, held.gain_high))
     return f"{abs(100.0 * held.gain):.0f} % {word} ({ends[0]:.0f} to {ends[1]:.0f} %)"

@@ -74,7 +74,6 @@ class Curves:
 
     @classmethod
     def of(cls, analysis: Analysis, given: ContactModel | None) -> "Curves":
-        """From an analysis and the simulation that it was compared with, if one was given."""
         regression = analysis.regression
         signals, motion = regression.signals, regression.motion({})
         x, v = (np.interp(signals.t, signals.fine_t, fine) for fine in (motion.x, motion.v))
@@ -138,5 +137,4 @@ def density(signals: Signals, values: Floats, longest_s: float = 8.0) -> tuple[F
 
 
 def near(unit: AxisUnit, *values: Floats, zero: bool = True) -> Range | None:
-    """Limits of y that hold nearly all values."""
     return limits(*(unit(each) for each in values), trim=_TRIM, zero=zero)

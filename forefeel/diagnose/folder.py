@@ -109,7 +109,6 @@ def _skip(file: Path, reason: str, summary: Summary) -> None:
 
 
 def _take(outcome: TaskOutcome, out: Path, overwrite: bool, summary: Summary, written: list[str]) -> None:
-    """Writes what was found, or says why there is nothing."""
     file = outcome.task.file
     if outcome.result is None:
         if outcome.failed is not None:

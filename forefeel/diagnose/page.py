@@ -32,7 +32,6 @@ def render_page(
     across: Across | str | None,
     given: ContactModel | None = None,
 ) -> str:
-    """The diagnosis with its figures as one HTML file that needs nothing else."""
     diagnosis, curves = diagnosed.diagnosis, Curves.of(diagnosed.analysis, given)
     predicted = across if isinstance(across, Across) else None
     causes = {cause.name: cause for cause in diagnosis.causes}

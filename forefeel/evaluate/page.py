@@ -24,7 +24,6 @@ _TRIM = 0.001  # share of a trace's highest and of its lowest values that may li
 def render_page(
     link: DelayedLink, rules: Sequence[str], recordings: Mapping[str, Evaluated], skipped: Mapping[str, str]
 ) -> str:
-    """The evaluation with figures as one HTML file that needs nothing else."""
     return render(
         "evaluate/page.html.j2",
         link=link,

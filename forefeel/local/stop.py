@@ -175,7 +175,6 @@ def _who() -> str:
 
 
 def _near(endpoint: str) -> str:
-    """An own endpoint as seen from this machine."""
     protocol, _, rest = endpoint.partition("/")
     host, colon, port = rest.rpartition(":")
     near = "[::1]" if host == "[::]" else "127.0.0.1"

@@ -185,7 +185,6 @@ def _check(options: LoopbackOptions) -> None:
 
 
 def _axes(options: LoopbackOptions) -> tuple[dict[str, Any], dict[str, Any]]:
-    """The axis of the slave and of the master, in the world of a preset."""
     preset = options.preset or _DEFAULT_PRESET
     limits = {"max_force_n": _WORLD_MAX_N[preset]}
     slave_axis: dict[str, Any] = {
@@ -351,7 +350,6 @@ def recording_limits(recording: "Recording", world_max_n: float) -> dict[str, An
 
 
 def _round_up(value: float) -> float:
-    """To two significant digits, upwards."""
     unit = 10.0 ** (np.floor(np.log10(value)) - 1)
     return float(f"{np.ceil(value / unit) * unit:.6g}")
 

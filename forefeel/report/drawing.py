@@ -77,7 +77,6 @@ def loop(name: str, colour: str, x: Floats, y: Floats, **more: object) -> Layer:
 def band(
     name: str, colour: str, x: Floats, low: Floats, high: Floats, gap: float = np.inf, alpha: float = 0.26
 ) -> Layer:
-    """What lies between two lines, shaded."""
     return {"name": name, "colour": colour, "alpha": alpha, "rows": thin(x, gap, low, high)}
 
 

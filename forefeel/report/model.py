@@ -75,8 +75,6 @@ class PredictorFigures(_Part):
 
 
 class SafetyNote(_Part):
-    """One transition of the slave's safety state."""
-
     time_s: float
     before: str
     event: str

@@ -104,7 +104,6 @@ def make_pages(run: Run) -> tuple[RunReport, Mapping[str, str]]:
 
 
 def render_page(report: RunReport, run: Run) -> str:
-    """The report with figures as one HTML file that needs nothing else."""
     traces = {axis: axis_traces(run, axis) for axis in run.axes}
     return render(
         "report/page.html.j2",
@@ -258,7 +257,6 @@ def story(part: AxisReport) -> tuple[str, list[str]]:
 
 
 def _in_place(size: ErrorSize, late: ErrorSize) -> str:
-    """Root mean squares of the error."""
     return f"{quantity(size.rms_n, 'N')} of error in place of {quantity(late.rms_n, 'N')}"
 
 

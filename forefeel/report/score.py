@@ -116,7 +116,6 @@ def compare(predicted_n: Floats, zoh_n: Floats, force_n: Floats) -> PredictionCo
 
 
 def spread(values: Floats) -> Spread:
-    """Quantiles of the values that are not NaN."""
     known = values[np.isfinite(values)]
     if not len(known):
         return Spread()

@@ -80,7 +80,6 @@ def summarise(run: Run) -> RunReport:
 
 
 def _last_timing(run: Run, role: str) -> LoopTiming | None:
-    """What the master's or the slave's loop said last of its lateness, on whichever axis."""
     topic = _TIMINGS[role]
     return next((timing for axis in run.axes if (timing := last(run.messages(axis, topic)))), None)
 
@@ -241,7 +240,6 @@ def _notes(run: Run, axis: str, commands: ScoredCommands, handshake: Handshake |
 
 
 def last(messages: Iterable[M]) -> M | None:
-    """The message that arrived last, None without any."""
     found = None
     for found in messages:  # noqa: B007 - wanted is what the loop leaves behind
         pass

@@ -37,7 +37,6 @@ def render(template: str, **values: object) -> str:
 
 
 def _style(name: str) -> Markup:
-    """A style sheet of the live page."""
     return Markup((_STATIC / f"{name}.css").read_text(encoding="utf-8"))
 
 

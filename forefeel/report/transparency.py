@@ -77,7 +77,6 @@ class Twin:
 
 
 def transparency(felt_n: Floats, held_n: Floats, true_n: Floats) -> Transparency:
-    """The score of forces at the hand, where all three are known."""
     found = compare(felt_n, held_n, true_n)
     if not found.commands:
         return Transparency()

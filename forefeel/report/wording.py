@@ -106,7 +106,6 @@ def scale(unit: str, largest: float) -> tuple[float, str]:
 
 
 def shown(name: str, interval: "Interval") -> Shown:
-    """A parameter with its 95 % interval."""
     label, plain = split_unit(name)
     largest = interval.value or max(abs(interval.low), abs(interval.high))
     factor, unit = scale(plain, largest)

@@ -94,7 +94,6 @@ class Hand:
         ]
 
     def at(self, t: Array) -> Course:
-        """The stroke of each stamp, and the tremor."""
         stroke = np.searchsorted(self._begins, t, side="right") - 1
         length, duration = self._tos[stroke] - self._froms[stroke], self._moves[stroke]
         s = np.clip((t - self._begins[stroke]) / duration, 0.0, 1.0)

@@ -162,7 +162,6 @@ def _followed(path: Path, options: SimulationOptions) -> list[MotionPiece]:
 
 
 def _grid(first_s: float, last_s: float, rate_hz: float) -> Array:
-    """Stamps of that rate from the first on, up to the last."""
     return first_s + np.arange(int((last_s - first_s) * rate_hz * (1.0 + 1e-9)) + 1) / rate_hz
 
 
