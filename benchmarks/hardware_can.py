@@ -27,7 +27,7 @@ from forefeel.devices.cia402.settings import Cia402Settings
 from forefeel.devices.cia404.driver import Cia404LoadCell
 from forefeel.devices.cia404.emulator import Transducer404
 from forefeel.devices.cia404.settings import Cia404Settings
-from forefeel.devices.emulation.sensing import EmulatedSensor, Sensing
+from forefeel.devices.emulation.sensing import EmulatedSensor
 from forefeel.devices.shared.conversation import Pacer
 from forefeel.devices.shared.settings import CanSettings
 from forefeel.slave.plant.settings import preset
@@ -73,7 +73,7 @@ def _drive(link: Path) -> None:
 
 def _cell(link: Path) -> None:
     _prepare()
-    device = Transducer404(_bus(link), _CELL_NODE, EmulatedSensor(Sensing(1000.0), lambda t_s: 0.5))
+    device = Transducer404(_bus(link), _CELL_NODE, EmulatedSensor(lambda t_s: 0.5, 1000.0))
     while True:
         device.step()
 

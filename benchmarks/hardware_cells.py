@@ -25,7 +25,7 @@ from forefeel.devices.bota.emulator import EmulatedBota
 from forefeel.devices.bota.protocol import FRAME_BYTES
 from forefeel.devices.bota.settings import BotaSettings
 from forefeel.devices.emulation.pty import Pty, PtyServer
-from forefeel.devices.emulation.sensing import Sensing
+from forefeel.devices.emulation.sensing import EmulatedSensor
 from forefeel.devices.shared.stream import SerialStream
 from tests.emulators.damage import DamagedWire, Faults
 
@@ -92,7 +92,7 @@ def _print_cost(name: str, cost: Cost) -> None:
 
 def _emulate(port: Path, rate_hz: float, baud: int) -> None:
     with Pty(port) as pty:
-        server = PtyServer(EmulatedBota(sin, Sensing(rate_hz)), pty, baud)
+        server = PtyServer(EmulatedBota(EmulatedSensor(sin, rate_hz)), pty, baud)
         while True:
             server.step()
 
@@ -160,7 +160,7 @@ def _driver(settings: BotaSettings) -> Cost:
 
 def _damage() -> None:
     """A frame each millisecond and a quarter over a wire that damages; the driver without its thread."""
-    device = EmulatedBota(sin, Sensing(800.0))
+    device = EmulatedBota(EmulatedSensor(sin, 800.0))
     wire = DamagedWire(460_800, Faults(corrupt=_DAMAGED), "out 0")
     counters = Counter[str]()
     cell = BotaCell(_settings(Path("cell"), 800.0, 460_800), counters)

@@ -15,7 +15,7 @@ from forefeel.devices.cia402.settings import Cia402Settings
 from forefeel.devices.cia404.driver import Cia404LoadCell
 from forefeel.devices.cia404.emulator import Transducer404
 from forefeel.devices.cia404.settings import Cia404Settings
-from forefeel.devices.emulation.sensing import EmulatedSensor, Sensing
+from forefeel.devices.emulation.sensing import EmulatedSensor
 from forefeel.devices.shared.settings import CanSettings
 from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.plant.presets import PRESETS
@@ -87,7 +87,7 @@ def drive_on(bus: can.BusABC, start_m: float = START_M, now_s: Callable[[], floa
 
 
 def cell_on(bus: can.BusABC, now_s: Callable[[], float] = monotonic, **changed: Any) -> Transducer404:  # noqa: ANN401
-    sensor = EmulatedSensor(Sensing(50.0, noise_n=0.0), lambda _: 1.25)
+    sensor = EmulatedSensor(lambda _: 1.25, 50.0, noise_n=0.0)
     return Transducer404(bus, CELL, sensor, now_s=now_s, **changed)
 
 

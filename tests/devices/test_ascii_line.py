@@ -10,7 +10,7 @@ from forefeel.devices.ascii_line.driver import AsciiLineLoadCell
 from forefeel.devices.ascii_line.emulator import EmulatedLineCell
 from forefeel.devices.ascii_line.protocol import NEWTON_PER_UNIT, LineParser, Unit, encode_line, parse_line
 from forefeel.devices.ascii_line.settings import AsciiLineSettings
-from forefeel.devices.emulation.sensing import Sensing
+from forefeel.devices.emulation.sensing import EmulatedSensor
 from forefeel.devices.emulation.wire import EmulatedDevice
 from forefeel.devices.shared.force_scale import StuckWatch
 from tests.devices.cell_bench import NAME, NOW_S, Port, stamp_s
@@ -89,11 +89,11 @@ COUNTS = {"unit": "counts", "full_scale_native": 2_000_000}
 
 
 def loadstar() -> EmulatedLineCell:
-    return EmulatedLineCell(slope, Sensing(150.0, noise_n=0.0), "millipound_force", "O0W1")
+    return EmulatedLineCell(EmulatedSensor(slope, 150.0, noise_n=0.0), "millipound_force", "O0W1")
 
 
 def hx711(noise_n: float = 0.002) -> EmulatedLineCell:
-    return EmulatedLineCell(slope, Sensing(80.0, noise_n=noise_n), "counts")
+    return EmulatedLineCell(EmulatedSensor(slope, 80.0, noise_n=noise_n), "counts")
 
 
 def settings(**more: object) -> AsciiLineSettings:

@@ -13,7 +13,7 @@ from forefeel.devices.bota.driver import BotaSerialLoadCell
 from forefeel.devices.bota.emulator import EmulatedBota
 from forefeel.devices.bota.protocol import BAUD, FRAME_BYTES, BotaFrame, BotaParser, encode
 from forefeel.devices.bota.settings import BotaSettings
-from forefeel.devices.emulation.sensing import Sensing
+from forefeel.devices.emulation.sensing import EmulatedSensor
 from forefeel.devices.shared.device_time import DeviceTime
 from tests.devices.cell_bench import NAME, Port, stamp_s
 from tests.emulators.damage import Faults
@@ -124,7 +124,7 @@ def slope(t_s: float) -> float:
 
 
 def device(feel: Callable[[float], float] = slope, noise_n: float = 0.0) -> EmulatedBota:
-    return EmulatedBota(feel, Sensing(800.0, noise_n=noise_n))
+    return EmulatedBota(EmulatedSensor(feel, 800.0, noise_n=noise_n))
 
 
 class Drifting(EmulatedBota):
@@ -159,7 +159,7 @@ def test_one_reading_per_frame_with_the_time_of_its_measurement() -> None:
 
 @pytest.mark.parametrize(("hub_s", "drift_ppm"), [(0.016, 0.0), (0.016, 200.0), (0.004, -200.0)])
 def test_stamps_are_within_a_period_though_an_adapter_collects(hub_s: float, drift_ppm: float) -> None:
-    emulated = Drifting(slope, Sensing(800.0, noise_n=0.0))
+    emulated = Drifting(EmulatedSensor(slope, 800.0, noise_n=0.0))
     emulated.drift_ppm = drift_ppm
     port = Port(emulated, BAUD, hub_s=hub_s)
     with opened(port) as driver:

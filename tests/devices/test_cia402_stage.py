@@ -124,7 +124,7 @@ def test_drive_that_stays_faulty_is_a_new_fault() -> None:
 def test_drive_in_a_fault_is_refused_at_the_start() -> None:
     with rigged() as rig:
         rig.drive.model.fail(0x2310)
-        with pytest.raises(DeviceError, match="in a fault; expected none at the start"):
+        with pytest.raises(DeviceError, match="drive in 'fault' while enabling"):
             rig.stage.open()
         assert cia402.FAULT_RESET not in rig.words
 

@@ -15,7 +15,7 @@ from forefeel.devices.ascii_line.emulator import EmulatedLineCell
 from forefeel.devices.ascii_line.settings import AsciiLineSettings
 from forefeel.devices.coil.driver import CoilHandle
 from forefeel.devices.coil.emulator import CoilDevice, CoilHardware
-from forefeel.devices.emulation.sensing import Sensing
+from forefeel.devices.emulation.sensing import EmulatedSensor
 from forefeel.devices.emulation.wire import EmulatedDevice
 from forefeel.devices.shared import stream as streams
 from forefeel.devices.shared.settings import SerialSettings
@@ -50,7 +50,11 @@ def read(device: Any) -> object:  # noqa: ANN401 - of any slot
     ("emulated", "make", "baud"),
     [
         (ZaberDevice(MODEL), lambda port: ZaberStage(settings(port=port)), 115_200),
-        (EmulatedLineCell(lambda _: 1.0, Sensing(150.0), "millipound_force", "O0W1"), loadstar, 115_200),
+        (
+            EmulatedLineCell(EmulatedSensor(lambda _: 1.0, 150.0), "millipound_force", "O0W1"),
+            loadstar,
+            115_200,
+        ),
         (CoilDevice(CoilHardware(longest_watchdog_ms=round(1e3 * CALM_S))), coil, 2_000_000),
     ],
     ids=["zaber", "ascii_line", "coil"],

@@ -283,7 +283,7 @@ def test_a_recorded_force_is_interpolated_between_its_samples(at_s: float, force
 
 @pytest.mark.parametrize("at_s", [None, nan, -0.001, 1.06, 0.021, 0.5, 0.999])
 def test_there_is_no_force_outside_the_recording_nor_across_a_gap(at_s: float | None) -> None:
-    assert RecordedLoadCell(TIMES, FORCES).read_at(at_s) == LoadCellReading(0.0, 0, False)
+    assert RecordedLoadCell(TIMES, FORCES).read(0, at_s) == (LoadCellReading(0.0, 0, False),)
 
 
 WALL = {"effect": "mass_damper_spring", "parameters": {"damping_n_s_m": 0.5, "stiffness_n_m": 10.0}}

@@ -1,13 +1,12 @@
 """An emulated load cell that prints numbers, as Loadstar's and an HX711 behind a microcontroller do. Pure."""
 
-from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 
 from forefeel.devices.ascii_line.protocol import COUNTS_RANGE, NEWTON_PER_UNIT, Unit, encode_line
 from forefeel.devices.ascii_line.settings import AsciiLineSettings
-from forefeel.devices.emulation.bench import NOISE_N, Emulation, SerialBench, Surroundings, felt
-from forefeel.devices.emulation.sensing import FAULTS, EmulatedSensor, Sensing
+from forefeel.devices.emulation.bench import Emulation, SerialBench, Surroundings, sensor_of
+from forefeel.devices.emulation.sensing import FAULTS, EmulatedSensor
 
 _COUNTS_PER_N, _ZERO_COUNTS = 200_000.0, 84_000
 _LONGEST_COMMAND_BYTES = 64  # bytes of a command that are kept
@@ -20,10 +19,8 @@ class EmulatedLineCell:
 
     faults = FAULTS
 
-    def __init__(
-        self, feel: Callable[[float], float], sensing: Sensing, unit: Unit, request: str | None = None
-    ) -> None:
-        self._sensor, self._unit, self._request = EmulatedSensor(sensing, feel), unit, request
+    def __init__(self, sensor: EmulatedSensor, unit: Unit, request: str | None = None) -> None:
+        self._sensor, self._unit, self._request = sensor, unit, request
         self._command, self._out = bytearray(), bytearray()
         self._force_n = 0.0
 
@@ -71,9 +68,7 @@ class EmulatedLineCell:
 
 def build(settings: AsciiLineSettings, around: Surroundings, leave: ExitStack) -> SerialBench:
     """Builds the cell that the settings describe for `Emulation`."""
-    sensing = Sensing(settings.rate_hz, settings.full_scale_n, NOISE_N, around.seed)
-    feel = felt(around, settings.sign, leave)
-    device = EmulatedLineCell(feel, sensing, settings.unit, settings.request)
+    device = EmulatedLineCell(sensor_of(settings, around, leave), settings.unit, settings.request)
     return SerialBench(device, Path(settings.port), settings.baud)
 
 

@@ -1,14 +1,13 @@
 """An emulated Bota six-axis cell: frames at its own rate, from the moment it has power. Pure."""
 
-from collections.abc import Callable
 from contextlib import ExitStack
 from math import nan
 from pathlib import Path
 
 from forefeel.devices.bota.protocol import OVERRANGE, BotaFrame, encode
 from forefeel.devices.bota.settings import BotaSettings
-from forefeel.devices.emulation.bench import NOISE_N, Emulation, SerialBench, Surroundings, felt
-from forefeel.devices.emulation.sensing import FAULTS, EmulatedSensor, Sensing
+from forefeel.devices.emulation.bench import Emulation, SerialBench, Surroundings, sensor_of
+from forefeel.devices.emulation.sensing import FAULTS, EmulatedSensor
 
 _WRAP_US = 1 << 32  # us after which the clock in a frame, a u32, begins anew
 _AT_REST = BotaFrame(0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 25.0)
@@ -19,8 +18,8 @@ class EmulatedBota:
 
     faults = (*FAULTS, "nan")
 
-    def __init__(self, feel: Callable[[float], float], sensing: Sensing, component: str = "fz") -> None:
-        self._sensor, self._field = EmulatedSensor(sensing, feel), f"{component}_n"
+    def __init__(self, sensor: EmulatedSensor, component: str = "fz") -> None:
+        self._sensor, self._field = sensor, f"{component}_n"
         self._broken = False
 
     def receive(self, data: bytes, t_s: float) -> None:
@@ -47,8 +46,7 @@ class EmulatedBota:
 
 def build(settings: BotaSettings, around: Surroundings, leave: ExitStack) -> SerialBench:
     """Builds the six-axis cell on the stage for `Emulation`."""
-    sensing = Sensing(settings.rate_hz, settings.full_scale_n, NOISE_N, around.seed)
-    device = EmulatedBota(felt(around, settings.sign, leave), sensing, settings.component)
+    device = EmulatedBota(sensor_of(settings, around, leave), settings.component)
     return SerialBench(device, Path(settings.port), settings.baud)
 
 

@@ -2,7 +2,6 @@
 
 import logging
 from contextlib import ExitStack
-from typing import Any
 
 import can
 
@@ -24,7 +23,7 @@ def open_bus(settings: CanSettings) -> can.BusABC:
     try:
         if settings.interface == "slcan":
             return SlcanBus(settings.channel, settings.bitrate)
-        return can.Bus(interface=settings.interface, channel=settings.channel, **_options(settings))
+        return can.Bus(interface=settings.interface, channel=settings.channel)  # Linux sets the bitrate
     except DeviceError:
         raise
     except (can.CanError, OSError, ValueError, ImportError, TypeError) as error:
@@ -32,13 +31,6 @@ def open_bus(settings: CanSettings) -> can.BusABC:
         raise DeviceSetupError(
             f"{where}: can not be opened ({why}); expected a CAN bus that is up, see `forefeel devices`"
         ) from error
-
-
-def _options(settings: CanSettings) -> dict[str, Any]:
-    """Linux sets the bitrate of socketcan; the others have none."""
-    if settings.interface == "udp_multicast":
-        return {"fd": False, **({"port": settings.port} if settings.port else {})}
-    return {}
 
 
 def open_until(leave: ExitStack, settings: CanSettings) -> can.BusABC:

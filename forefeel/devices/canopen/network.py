@@ -143,7 +143,7 @@ class SharedNetwork:
         self.failed = self.failed or (" ".join(str(error).split())[:160] or type(error).__name__)
 
 
-_networks: dict[tuple[str, str, int | None], SharedNetwork] = {}
+_networks: dict[tuple[str, str], SharedNetwork] = {}
 _lock = Lock()
 
 
@@ -153,7 +153,7 @@ def acquire(settings: CanSettings) -> SharedNetwork:
     Raises:
         DeviceSetupError: the bus can not be opened, or is open with another bitrate.
     """
-    key = settings.interface, settings.channel, settings.port
+    key = settings.interface, settings.channel
     with _lock:
         known = _networks.get(key)
         if known is None or known.failed is not None:

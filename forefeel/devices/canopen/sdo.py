@@ -65,17 +65,7 @@ class RemoteDevice:
         del self._shared.network[self.node]
 
     def introduce(self, expected: int) -> None:
-        """Identifies the device, see `identify`, to the link: identity, serial number, IDENTIFIED."""
-        who = self.identify(expected)
-        self._link.identity = ", ".join(f"{name} {value:08X}" for name, value in who.items())
-        self._link.serial = f"{who['serial']:08X}"
-        self._link.advance(LinkState.IDENTIFIED)
-
-    def order(self, command: int) -> None:
-        self._shared.send(NMT, bytes([command, self.node]))
-
-    def identify(self, expected: int) -> dict[str, int]:
-        """Asks who it is, in PRE-OPERATIONAL: vendor, product, revision, serial (0: not said).
+        """Asks who it is, in PRE-OPERATIONAL, and tells the link: identity, serial number (0: not said).
 
         Raises:
             DeviceSetupError: nobody answers, or it is a device of another profile than `expected`.
@@ -90,7 +80,13 @@ class RemoteDevice:
         if profile(kind) != expected:
             raise DeviceSetupError(f"{self.name}: a CiA {profile(kind)} device, expected CiA {expected}")
         asked = {"vendor": VENDOR, "product": PRODUCT, "revision": REVISION, "serial": SERIAL}
-        return {name: int(self.read(entry, 0)) for name, entry in asked.items()}
+        who = {name: f"{int(self.read(entry, 0)):08X}" for name, entry in asked.items()}
+        self._link.identity = ", ".join(f"{name} {value}" for name, value in who.items())
+        self._link.serial = who["serial"]
+        self._link.advance(LinkState.IDENTIFIED)
+
+    def order(self, command: int) -> None:
+        self._shared.send(NMT, bytes([command, self.node]))
 
     def read(self, entry: ObjectEntry, otherwise: float | None = None) -> float:
         """The value of an entry, `otherwise` when the device has none.

@@ -378,9 +378,6 @@ class DriveVoice:
         if now_ns >= self._next_beat_ns:
             self._next_beat_ns = now_ns + self._beat_ns - self.period_ns // 2
             self._shared.send(HEARTBEAT + HOST_NODE, bytes([OPERATIONAL]))
-
-    def tell(self) -> None:
-        """Adds what became of the bus' frames to the link's counters."""
         self._shared.tell(self._link)
 
     def release(self, target: int, now_ns: int) -> None:
@@ -524,7 +521,6 @@ class Cia402Stage:
                 now_ns = clock.now_ns()
                 heard, beat, alarm = ears.take()
                 link.counters["silent_periods"] += heard is None and self._readback is not None
-                self._refuse_fault_at_start(heard)
                 wanted = None if conversation.stopping else self._wanted
                 word = cycle.step(heard, beat, alarm, wanted, now_ns)
                 voice.send(word, scale.native(setpoint.position_m), now_ns)
@@ -532,7 +528,6 @@ class Cia402Stage:
                 yield pacer.wait_s()
                 link.counters["late_cycles"] += pacer.missed
                 pacer.missed = 0
-                voice.tell()
         finally:
             machine.stop()
             voice.release(scale.native(setpoint.position_m), clock.now_ns())
@@ -549,12 +544,6 @@ class Cia402Stage:
             machine.enable()
             if machine.phase is Phase.FOLLOWING:
                 link.advance(LinkState.READY)
-
-    def _refuse_fault_at_start(self, heard: Readback | None) -> None:
-        if heard is None or self.link.state is not LinkState.CONFIGURED:
-            return
-        if self.link.inhibited is None and drive_state(heard.statusword) is DriveState.FAULT:
-            raise DeviceError("the drive is in a fault; expected none at the start: clear it at the drive")
 
     def _new_setpoint(self) -> Setpoint:
         s = self._settings

@@ -10,8 +10,8 @@ from forefeel.devices.canopen.bus import open_until
 from forefeel.devices.canopen.emulator import CanopenDevice, common_contents
 from forefeel.devices.cia404 import protocol as cia404
 from forefeel.devices.cia404.settings import Cia404Settings
-from forefeel.devices.emulation.bench import NOISE_N, Emulation, Surroundings, felt
-from forefeel.devices.emulation.sensing import FAULTS, EmulatedSensor, Sensing
+from forefeel.devices.emulation.bench import Emulation, Surroundings, sensor_of
+from forefeel.devices.emulation.sensing import FAULTS, EmulatedSensor
 
 SERIAL = 0x0404_0001  # serial number of the emulated transducer, object 1018:04; made up
 
@@ -62,9 +62,8 @@ class Transducer404(CanopenDevice):
 
 
 def build(settings: Cia404Settings, around: Surroundings, leave: ExitStack) -> Transducer404:
-    """Builds the transducer for `Emulation`. It has noise: a cell without can not be seen to stick."""
-    sensing = Sensing(settings.rate_hz, settings.full_scale_n, NOISE_N, around.seed)
-    sensor = EmulatedSensor(sensing, felt(around, settings.sign, leave))
+    """Builds the transducer for `Emulation`."""
+    sensor = sensor_of(settings, around, leave)
     bus = open_until(leave, settings.can)
     return Transducer404(bus, settings.node_id, sensor, now_s=around.now_s)
 

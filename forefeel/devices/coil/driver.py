@@ -103,8 +103,6 @@ class CoilTalk:
                 self._identified(frame)
             elif isinstance(frame, CoilState):
                 fresh |= self._measured(frame, now_ns)
-            else:
-                self._link.counters["unexpected_frames"] += 1
         if not self.settled:
             return self._shake(now_ns, fresh)
         self._require_lively(now_ns)
@@ -127,7 +125,6 @@ class CoilTalk:
 
     def _identified(self, identity: CoilIdentity) -> None:
         if self._link.state is not LinkState.OPEN:
-            self._link.counters["repeated_identity"] += 1
             return
         port, settings = self._settings.port, self._settings
         name, serial, firmware = (
@@ -192,7 +189,6 @@ class CoilTalk:
         before = self.newest
         if before is not None:
             if (state.sequence, state.time_us) == (before.state.sequence, before.state.time_us):
-                self._link.counters["repeated_frames"] += 1
                 return False
             self._link.counters["frames_lost"] += (state.sequence - before.state.sequence - 1) % 2**16
         self._link.counters["frames"] += 1

@@ -10,10 +10,10 @@ from typing import Any, NamedTuple
 from forefeel.common.config import checked
 from forefeel.common.hardware.driver import DriverSettings, InstalledDriver
 from forefeel.devices.emulation.contact import ContactSimulation, ForceReceiver, ForceSender
+from forefeel.devices.emulation.sensing import EmulatedSensor
 from forefeel.devices.emulation.wire import EmulatedDevice
 from forefeel.slave.plant.settings import WorldSettings
 
-NOISE_N = 0.002  # N, standard deviation of an emulated cell's noise
 TRAVEL_M = (-0.004, 0.124)  # m, travel of an emulated stage without a YAML file
 
 
@@ -91,10 +91,14 @@ def moved(around: Surroundings, sign: int, leave: ExitStack) -> Callable[[float,
     return on_motion
 
 
-def felt(around: Surroundings, sign: int, leave: ExitStack) -> Callable[[float], float]:
-    """The force in N on an emulated load cell at a time."""
-    load = around.load
-    if around.force_link is None:
-        return lambda _t_s: sign * load.force_n
-    receiver = leave.enter_context(closing(ForceReceiver(around.force_link)))
-    return lambda t_s: sign * (receiver.newest_n(t_s) + load.force_n)
+def sensor_of(settings: Any, around: Surroundings, leave: ExitStack) -> EmulatedSensor:  # noqa: ANN401 - of a cell
+    """What measures the force on an emulated load cell, at the rate of its settings."""
+    receiver: ForceReceiver | None = None
+    if around.force_link is not None:
+        receiver = leave.enter_context(closing(ForceReceiver(around.force_link)))
+
+    def feel(_t_s: float) -> float:
+        stage_n = 0.0 if receiver is None else receiver.newest_n()
+        return float(settings.sign * (stage_n + around.load.force_n))
+
+    return EmulatedSensor(feel, settings.rate_hz, settings.full_scale_n, seed=around.seed)

@@ -67,7 +67,7 @@ class ForceReceiver:
         self._socket.bind(_short(path))
         self._force_n = 0.0
 
-    def newest_n(self, _t_s: float = 0.0) -> float:
+    def newest_n(self) -> float:
         """The newest force told; 0 N before the first."""
         with suppress(BlockingIOError):
             while True:

@@ -1,6 +1,5 @@
 """An emulated device on a pseudo terminal: what a serial port is to the host."""
 
-import errno
 import os
 import select
 import tempfile
@@ -62,12 +61,7 @@ class Pty:
             return b""
         if not select.select([self._master], [], [], timeout_s)[0]:
             return b""
-        try:
-            return os.read(self._master, _CHUNK_BYTES)
-        except OSError as error:
-            if error.errno in (errno.EIO, errno.EAGAIN):
-                return b""
-            raise
+        return os.read(self._master, _CHUNK_BYTES)
 
     def write(self, data: bytes) -> None:
         """To the host; what it does not read is lost once the terminal is full."""

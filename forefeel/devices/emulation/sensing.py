@@ -1,35 +1,35 @@
 """What the elements of every emulated load cell have in common. Pure."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from random import Random
 
 FAULTS = "stuck", "overrange", "free"
 
 
-@dataclass(frozen=True, slots=True)
-class Sensing:
-    """How a cell sees the force: with white noise of that standard deviation, saturated at full scale."""
-
-    rate_hz: float
-    full_scale_n: float = 10.0
-    noise_n: float = 0.002
-    seed: int = 0
-
-
 class EmulatedSensor:
-    """The element itself: `due` measures at the instants of the cell's own rate.
+    """The element itself, saturated at full scale; `due` measures at the instants of its own rate.
+
+    Args:
+        feel: the force in N at a time in s.
+        noise_n: standard deviation; a cell without noise can not be seen to stick.
 
     Attributes:
         fault: what was provoked; None when nothing was. A cell that sticks repeats what it measured last.
         saturated: whether the last measurement is at the end of the range.
     """
 
-    def __init__(self, sensing: Sensing, feel: Callable[[float], float]) -> None:
-        """`feel`: the force in N at a time in s."""
+    def __init__(
+        self,
+        feel: Callable[[float], float],
+        rate_hz: float,
+        full_scale_n: float = 10.0,
+        noise_n: float = 0.002,
+        seed: int = 0,
+    ) -> None:
         self.fault: str | None = None
         self.saturated = False
-        self._sensing, self._feel, self._random = sensing, feel, Random(f"cell {sensing.seed}")
+        self._feel, self._rate_hz, self._full_scale_n, self._noise_n = feel, rate_hz, full_scale_n, noise_n
+        self._random = Random(f"cell {seed}")
         self._measured_n, self._count = 0.0, 0
 
     def provoke(self, fault: str) -> None:
@@ -38,9 +38,9 @@ class EmulatedSensor:
 
     def measure(self, t_s: float) -> float:
         """The force in N as the cell measures it then."""
-        most_n = self._sensing.full_scale_n
+        most_n = self._full_scale_n
         if self.fault != "stuck":
-            force_n = self._feel(t_s) + self._random.gauss(0.0, self._sensing.noise_n)
+            force_n = self._feel(t_s) + self._random.gauss(0.0, self._noise_n)
             self._measured_n = most_n if self.fault == "overrange" else min(max(force_n, -most_n), most_n)
             self.saturated = abs(self._measured_n) >= most_n
         return self._measured_n
@@ -48,7 +48,7 @@ class EmulatedSensor:
     def due(self, t_s: float) -> list[tuple[float, float]]:
         """The measurements until then that were not taken yet: (when in s, force in N)."""
         found = []
-        while (made_s := (self._count + 1) / self._sensing.rate_hz) <= t_s:
+        while (made_s := (self._count + 1) / self._rate_hz) <= t_s:
             self._count += 1
             found.append((made_s, self.measure(made_s)))
         return found

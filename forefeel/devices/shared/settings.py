@@ -22,14 +22,13 @@ class SerialSettings(Settings):
 
 
 class CanSettings(Settings):
-    """A CAN bus as python-can opens it: `slcan` with a serial port, `socketcan` with `can0`, `udp_multicast`
-    with an address, `virtual` within one process.
+    """A CAN bus as python-can opens it: `slcan` with a serial port, `socketcan` with `can0`, `virtual` within
+    one process.
     """
 
-    interface: Literal["slcan", "socketcan", "udp_multicast", "virtual"]
+    interface: Literal["slcan", "socketcan", "virtual"]
     channel: Annotated[str, Field(min_length=1, max_length=4096)]
     bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)] = 1_000_000
-    port: Annotated[int, Field(ge=1024, le=65_535)] | None = None
 
 
 NodeId = Annotated[int, Field(ge=1, le=126)]

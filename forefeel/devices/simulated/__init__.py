@@ -5,19 +5,19 @@ from forefeel.devices.simulated import settings as s
 
 STAGE = Driver(
     s.SimulatedStageSettings,
-    "forefeel.devices.simulated.driver:make_stage",
+    "forefeel.devices.simulated.driver:SimulatedStage",
     "the stage of the simulated world",
     in_world=True,
 )
 GRIPPER = Driver(
     s.SimulatedGripperSettings,
-    "forefeel.devices.simulated.driver:make_gripper",
+    "forefeel.devices.simulated.driver:SimulatedGripper",
     "the fixture of the simulated world",
     in_world=True,
 )
 LOAD_CELL = Driver(
     s.SimulatedLoadCellSettings,
-    "forefeel.devices.simulated.driver:make_load_cell",
+    "forefeel.devices.simulated.driver:SimulatedLoadCell",
     "the load cell of the simulated world",
     in_world=True,
 )

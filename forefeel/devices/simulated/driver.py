@@ -4,11 +4,6 @@ from math import inf
 
 from forefeel.common.errors import DeviceError
 from forefeel.common.messages import Grip
-from forefeel.devices.simulated.settings import (
-    SimulatedGripperSettings,
-    SimulatedLoadCellSettings,
-    SimulatedStageSettings,
-)
 from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.plant.world import SimulatedWorld
 from forefeel.slave.stage import StageReading, require_finite
@@ -21,7 +16,7 @@ class SimulatedDevice:
         DeviceError: used while not open.
     """
 
-    def __init__(self, world: SimulatedWorld) -> None:
+    def __init__(self, _settings: object, world: SimulatedWorld) -> None:
         self._world = world
         self._opened = False
 
@@ -45,8 +40,8 @@ class SimulatedDevice:
 
 
 class SimulatedStage(SimulatedDevice):
-    def __init__(self, world: SimulatedWorld) -> None:
-        super().__init__(world)
+    def __init__(self, _settings: object, world: SimulatedWorld) -> None:
+        super().__init__(_settings, world)
         world.observed = True
 
     def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
@@ -69,8 +64,8 @@ class SimulatedStage(SimulatedDevice):
 class SimulatedLoadCell(SimulatedDevice):
     stale_s = inf
 
-    def __init__(self, world: SimulatedWorld) -> None:
-        super().__init__(world)
+    def __init__(self, _settings: object, world: SimulatedWorld) -> None:
+        super().__init__(_settings, world)
         world.observed = True
         self.full_scale_n = world.load_cell_full_scale_n
 
@@ -87,15 +82,3 @@ class SimulatedGripper(SimulatedDevice):
     def set(self, grip: Grip, now_ns: int) -> Grip:
         observed = self._opened_world().observed
         return self._world_at(now_ns).grip(grip) if observed else grip
-
-
-def make_stage(_settings: SimulatedStageSettings, world: SimulatedWorld) -> SimulatedStage:
-    return SimulatedStage(world)
-
-
-def make_load_cell(_settings: SimulatedLoadCellSettings, world: SimulatedWorld) -> SimulatedLoadCell:
-    return SimulatedLoadCell(world)
-
-
-def make_gripper(_settings: SimulatedGripperSettings, world: SimulatedWorld) -> SimulatedGripper:
-    return SimulatedGripper(world)

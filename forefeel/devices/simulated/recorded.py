@@ -42,9 +42,9 @@ class RecordedLoadCell:
 
     def read(self, now_ns: int, recording_time_s: float | None) -> tuple[LoadCellReading]:
         """The recorded force at `recording_time_s`, whatever the time is now."""
-        return (self.read_at(recording_time_s),)
+        return (self._at(recording_time_s),)
 
-    def read_at(self, recording_time_s: float | None) -> LoadCellReading:
+    def _at(self, recording_time_s: float | None) -> LoadCellReading:
         """The force at that time of the recording, raw counts in micro-newtons.
 
         Invalid and 0 N without a time, outside the recording, inside a gap; a sample at its edge is valid.

@@ -4,8 +4,8 @@ import os
 import time
 from contextlib import ExitStack
 
-from forefeel.devices.emulation.bench import NOISE_N, Emulation, Surroundings, felt
-from forefeel.devices.emulation.sensing import FAULTS, EmulatedSensor, Sensing
+from forefeel.devices.emulation.bench import Emulation, Surroundings, sensor_of
+from forefeel.devices.emulation.sensing import FAULTS
 from forefeel_iio.settings import IioSettings
 
 _PERIOD_S = 0.002  # s, as often as the driver may ask
@@ -17,8 +17,7 @@ class EmulatedChannel:
     faults = (*FAULTS, "unplug", "plug")
 
     def __init__(self, settings: IioSettings, around: Surroundings, leave: ExitStack) -> None:
-        sensing = Sensing(1.0 / _PERIOD_S, settings.full_scale_n, NOISE_N, seed=around.seed)
-        self._sensor = EmulatedSensor(sensing, felt(around, settings.sign, leave))
+        self._sensor = sensor_of(settings, around, leave)
         self._settings, self._file = settings, settings.file.open("wb", buffering=0)
         self._now_s = around.now_s
         leave.callback(self._close)
