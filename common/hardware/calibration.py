@@ -84,10 +84,9 @@ class CellScale(NamedTuple):
 
 
 def load_cell_calibration(
-    path: Path, driver: str, serial: str | None, today: date, scale: CellScale | None
+    path: Path, driver: str, serial: str, today: date, scale: CellScale
 ) -> LoadCellCalibration:
-    """The calibration in a file, of the device of that driver with that serial number and scale; None: not
-    known before the device has answered, and not compared.
+    """The calibration in a file, of the device of that driver with that serial number and scale.
 
     Raises:
         ConfigurationError: unreadable, of the future or out of date, of another device, or with a gain or
@@ -95,7 +94,7 @@ def load_cell_calibration(
     """
     found = load_settings(LoadCellCalibration, path)
     _check(path, found, driver, serial, today)
-    if scale is not None and (flaw := scale.flaw(found.gain_n, found.zero)):
+    if flaw := scale.flaw(found.gain_n, found.zero):
         raise ConfigurationError(f"{path}: {flaw}; correct load_cell, or {_again(found)}")
     return found
 
@@ -103,7 +102,7 @@ def load_cell_calibration(
 def stage_calibration(
     path: Path,
     driver: str,
-    serial: str | None,
+    serial: str,
     today: date,
     travel_m: tuple[float, float],
     native_per_m: float,
@@ -128,10 +127,10 @@ def stage_calibration(
 
 
 def _check(
-    path: Path, found: LoadCellCalibration | StageCalibration, driver: str, serial: str | None, today: date
+    path: Path, found: LoadCellCalibration | StageCalibration, driver: str, serial: str, today: date
 ) -> None:
     for name, value, expected in (("driver", found.driver, driver), ("serial", found.serial, serial)):
-        if expected not in (None, value):
+        if value != expected:
             raise ConfigurationError(
                 f"{path}: {name} = {value!r}: expected {expected!r}, the device that answers; {_again(found)}"
             )

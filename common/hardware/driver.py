@@ -131,17 +131,14 @@ def driver_settings(slot: Slot) -> BeforeValidator:
         try:
             found = installed_driver(slot, name)
         except KeyError:
-            expected = {"discriminator": "'driver'", "tag": name, "expected_tags": _names(slot)}
+            known = ", ".join(map(repr, sorted(_found(slot))))
+            expected = {"discriminator": "'driver'", "tag": name, "expected_tags": known}
             raise PydanticKnownError("union_tag_invalid", expected) from None
         except ConfigurationError as error:
             raise ValueError(str(error)) from error
         return found.driver.settings.model_validate(data, context=info.context)
 
     return BeforeValidator(read)
-
-
-def _names(slot: Slot) -> str:
-    return ", ".join(map(repr, sorted(_found(slot))))
 
 
 def _found(slot: Slot) -> dict[str, EntryPoint]:

@@ -99,12 +99,10 @@ def _issue(
     path = inside / f"{party.role}.crt"
     if path.exists():
         old = read_certificate(path)
-        names = hosts_of(old)
-        if old.not_valid_after_utc - now >= RENEWED_WITHIN and set(names if hosts is None else hosts) == set(
-            names
-        ):
+        hosts = hosts_of(old) if hosts is None else hosts
+        if old.not_valid_after_utc - now >= RENEWED_WITHIN and set(hosts) == set(hosts_of(old)):
             return "unchanged"
-        public, hosts, what = old.public_key(), names if hosts is None else hosts, "renewed"
+        public, what = old.public_key(), "renewed"
         if not isinstance(public, ec.EllipticCurvePublicKey):
             raise ConfigurationError(f"{path}: not on an elliptic curve; expected one of forefeel pki init")
     else:

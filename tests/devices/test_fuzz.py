@@ -89,7 +89,7 @@ def check_slcan(data: bytes) -> None:
     assert len(bus._lines._rest) <= 64
     assert received(port, bus, b"\r" + _SLCAN)[-len(_SLCAN_FRAMES) :] == _SLCAN_FRAMES
     bus.shutdown()
-    adapter = SlcanAdapter(1_000_000)
+    adapter = SlcanAdapter()
     adapter.receive(data)
     adapter.receive(b"\rC\rS8\rO\r")
     assert adapter.open

@@ -26,11 +26,9 @@ def frame_s(frame: bytes, bitrate: int) -> float:
 class SlcanAdapter:
     """What one adapter makes of its host's lines. Pure."""
 
-    def __init__(self, bitrate: int) -> None:
-        self._bitrate_command = BITRATES[bitrate].encode("ascii")
+    def __init__(self) -> None:
         self._lines = Lines()
         self.open = False
-        self._fits = False
 
     def receive(self, data: bytes) -> tuple[list[bytes], bytes]:
         """Frames for the bus, and answers for the host."""
@@ -46,20 +44,16 @@ class SlcanAdapter:
         return frames, bytes(answers)
 
     def _obey(self, line: bytes) -> bool:
-        """An adapter at another bitrate than the bus hears nothing of it, as one that is not open."""
         if line in (b"O", b"C"):
-            self.open = self._fits and line == b"O"
+            self.open = line == b"O"
             return True
-        known = line.decode("latin-1") in BITRATES.values() and not self.open
-        if known:
-            self._fits = line == self._bitrate_command
-        return known
+        return line.decode("latin-1") in BITRATES.values() and not self.open
 
 
 class _Port:
-    def __init__(self, link: Path, bitrate: int) -> None:
+    def __init__(self, link: Path) -> None:
         self.pty = Pty(link)
-        self.adapter = SlcanAdapter(bitrate)
+        self.adapter = SlcanAdapter()
 
 
 class CanHub:
@@ -70,7 +64,7 @@ class CanHub:
     faults = "unplug", "plug"
 
     def __init__(self, links: Sequence[Path], bitrate: int = 1_000_000) -> None:
-        self._ports = [_Port(link, bitrate) for link in links]
+        self._ports = [_Port(link) for link in links]
         self._bitrate, self._free_s = bitrate, 0.0
         self._on_wire = deque[tuple[float, int, bytes]]()  # (when it is complete, sender, frame)
 

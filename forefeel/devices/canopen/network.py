@@ -38,7 +38,7 @@ class SharedNetwork:
         self.failed: str | None = None
         self.counters: Counter[str] = Counter()
         self.users = 1
-        self._told: dict[DeviceLink, dict[str, int]] = {}
+        self._told: dict[DeviceLink, Counter[str]] = {}
         self._bus = open_bus(settings)
         self.network = canopen.Network(self._bus)
         self._sync: tuple[object, int] | None = None
@@ -87,18 +87,13 @@ class SharedNetwork:
             if self._sync is not None and self._sync[0] is owner:
                 self._sync = None
 
-    def counts(self) -> dict[str, int]:
-        """Counters of what was dropped and what failed on this bus."""
-        lines = self._bus.counts if isinstance(self._bus, SlcanBus) else Counter[str]()
-        return {name: count for name, count in (lines + self.counters).items() if count}
-
     def tell(self, link: DeviceLink) -> None:
         """Adds what has been counted, since this link was told last, to its counters, as `bus_...`."""
-        counts, told = self.counts(), self._told.get(link, {})
-        if counts != told:
-            for name, count in counts.items():
-                link.counters[f"bus_{name}"] += count - told.get(name, 0)
-            self._told[link] = counts
+        lines = self._bus.counts if isinstance(self._bus, SlcanBus) else Counter[str]()
+        counts = lines + self.counters
+        for name, count in (counts - self._told.get(link, Counter())).items():
+            link.counters[f"bus_{name}"] += count
+        self._told[link] = counts
 
     def close(self) -> None:
         self._stopping.set()
@@ -123,21 +118,15 @@ class SharedNetwork:
         if message is None or message.is_remote_frame:
             return True
         if message.is_error_frame:
-            self._error_frame(message)
-        else:
-            self._deliver(message)
-        return True
-
-    def _deliver(self, message: can.Message) -> None:
+            self.counters["error_frames"] += 1
+            if message.arbitration_id & _BUS_OFF:
+                self.failed = self.failed or "bus off"
+            return True
         try:
             self.network.notify(message.arbitration_id, message.data, message.timestamp)
         except Exception:  # noqa: BLE001 - what a frame does to its receiver does not end reception
             self.counters["callback_errors"] += 1
-
-    def _error_frame(self, message: can.Message) -> None:
-        self.counters["error_frames"] += 1
-        if message.arbitration_id & _BUS_OFF:
-            self.failed = self.failed or "bus off"
+        return True
 
     def _fail(self, error: BaseException) -> None:
         self.failed = self.failed or (" ".join(str(error).split())[:160] or type(error).__name__)

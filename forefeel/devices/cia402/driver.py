@@ -161,20 +161,6 @@ def state_pdo(node: int) -> Pdo:
     return Pdo(True, 1, TPDO1 + node, 1, (cia402.STATUSWORD, cia402.POSITION_ACTUAL))
 
 
-def checked(settings: Cia402Settings) -> None:
-    """Refuses what the settings alone show to be impossible, with DeviceSetupError."""
-    where = f"cia402 node {settings.node_id}"
-    if cia402.interpolation_period(settings.sync_hz) is None:
-        raise DeviceSetupError(
-            f"{where}: sync_hz = {settings.sync_hz}: expected a period in tenths of a millisecond"
-        )
-    if settings.heartbeat_s < 1.0 / settings.sync_hz:
-        raise DeviceSetupError(
-            f"{where}: heartbeat_s = {settings.heartbeat_s:g}: expected at least 1 / sync_hz = "
-            f"{1.0 / settings.sync_hz:g}"
-        )
-
-
 def configure(device: RemoteDevice, settings: Cia402Settings, scale: PositionScale) -> float:
     """Writes and reads back the whole configuration, in PRE-OPERATIONAL, and starts it; where the drive is.
 
@@ -246,7 +232,7 @@ def _exchanged(device: RemoteDevice, settings: Cia402Settings) -> None:
 
 def _timing(device: RemoteDevice, settings: Cia402Settings) -> None:
     period = cia402.interpolation_period(settings.sync_hz)
-    assert period is not None, "checked() refuses it"
+    assert period is not None, "the settings refuse it"
     device.write(cia402.PERIOD_EXPONENT, period[1])
     device.write(cia402.PERIOD_VALUE, period[0])
     device.offer(SYNC_PERIOD_US, round(1e6 / settings.sync_hz))
@@ -428,7 +414,6 @@ class Cia402Stage:
             DeviceSetupError: it is not the drive that the settings describe.
             DeviceError: it does not answer, or is in a fault: only a fault reset at the drive helps then.
         """
-        checked(self._settings)
         self._wanted, self._rearm = None, False
         self._conversation = Conversation(self.link, self._converse)
         self._conversation.start(_OPEN_S)

@@ -16,7 +16,6 @@ from forefeel.devices.cia402.driver import (
     DriveEars,
     DriveVoice,
     Readback,
-    checked,
     configure_homing,
     require_homing,
 )
@@ -130,7 +129,6 @@ class Cia402Homing:
         Raises:
             DeviceSetupError: it can not be homed as the settings have it.
         """
-        checked(self._settings)
         self._bus = acquire(self._settings.can)
         try:
             with self._device() as (_, device):

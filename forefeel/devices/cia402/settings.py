@@ -1,10 +1,11 @@
 """What the YAML file says of a CiA 402 drive."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from forefeel.common.config import Settings
+from forefeel.devices.cia402.protocol import interpolation_period
 from forefeel.devices.shared.settings import CanSettings, NodeId, ScaledStageSettings
 
 
@@ -38,6 +39,14 @@ class Cia402Settings(ScaledStageSettings):
     sync_hz: Annotated[int, Field(ge=50, le=1000)] = 250
     heartbeat_s: Annotated[float, Field(ge=0.01, le=1)] = 0.02
     homing: HomingSettings = HomingSettings()
+
+    @model_validator(mode="after")
+    def _cycle_is_possible(self) -> Self:
+        if interpolation_period(self.sync_hz) is None:
+            raise ValueError(f"sync_hz = {self.sync_hz}: expected a period in tenths of a millisecond")
+        if self.heartbeat_s * self.sync_hz < 1.0:
+            raise ValueError(f"heartbeat_s = {self.heartbeat_s:g}: expected at least 1 / sync_hz")
+        return self
 
     @property
     def native_per_m(self) -> float:

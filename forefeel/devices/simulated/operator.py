@@ -30,13 +30,11 @@ class SimulatedOperatorPolicy:
 
     Attributes:
         act: what the person does now.
-        stops: stops that the person did not choose.
         clutched_out_s: see the handle port.
     """
 
     def __init__(self) -> None:
         self.act = Act.WAITING
-        self.stops = 0
         self.clutched_out_s = 0.0
         self._since_s = 0.0
         self._chosen = False
@@ -62,7 +60,6 @@ class SimulatedOperatorPolicy:
             case Act.PRESSING if now_s - self._since_s > _PATIENCE_S:
                 self._enter(Act.WAITING, now_s)
             case Act.MOVING if state is not SafetyState.ARMED:
-                self.stops += 1
                 self._enter(Act.WAITING, now_s)
 
     def release(self, now_s: float) -> None:
