@@ -285,12 +285,10 @@ class EmulatedBench:
             connect(time, built)
 
     def make(self, settings: DriverSettings | None = None) -> Any:  # noqa: ANN401 - the port of its slot
-        """The driver, not opened."""
         return self.driver.make(settings or self.settings, self.time)
 
     @contextmanager
     def opened(self) -> Iterator[Any]:
-        """The driver, open within the block."""
         device = self.make()
         try:
             device.open()
@@ -347,12 +345,10 @@ class DriverContract:
     """s until a silent device is a fault."""
 
     def installed(self) -> InstalledDriver:
-        """The driver; by its entry point."""
         return installed_driver(self.slot, self.driver)
 
     @pytest.fixture
     def bench(self, tmp_path: Path) -> Iterator[EmulatedBench]:
-        """The driver and its emulated device."""
         with stepped() as time, ExitStack() as leave:
             yield EmulatedBench(self.installed(), tmp_path, time, leave)
 

@@ -118,7 +118,6 @@ def walk_of(forces: Sequence[float]) -> list[float]:
 
 
 def range_of(forces: Sequence[float]) -> tuple[float, float]:
-    """Smallest and largest of the loads in N, 0 among them."""
     return min(0.0, *forces), max(0.0, *forces)
 
 

@@ -150,7 +150,6 @@ def _loads_n(weights: str | None, forces: str | None) -> list[float]:
 
 
 def _level(cell: NativeLoadCell, clock: SleepingClock, load: str, settle_s: float) -> Level:
-    """Reads the load once it has settled."""
     settled_ns = clock.now_ns() + round(settle_s * 1e9)
     found: list[NativeReading] = []
     while len(found) < LEAST_READINGS or found[-1].stamp_ns - found[0].stamp_ns < _AVERAGE_S * 1e9:

@@ -96,7 +96,6 @@ class HostProbe:
     def states(
         self, transport: TransportSettings, party: Party | None, cell: str, axes: Sequence[str]
     ) -> Heard:
-        """The newest state of each end and axis that is heard."""
         newest: dict[tuple[str, str], ClockState] = {}
 
         def take(end: str, axis: str, state: SlaveState | MasterState, receive_ns: int) -> None:
@@ -121,7 +120,6 @@ class HostProbe:
         return Heard([newest[key] for key in sorted(newest)], hint)
 
     def probe(self, device: ConfiguredDevice) -> Probed:
-        """Listens to the device for 0.3 s."""
         return probe(device, 0.3, MonotonicClock())
 
     def disk(self, folder: Path) -> Disk:

@@ -34,8 +34,6 @@ CAN_HUB = "can_hub"
 
 @dataclass(frozen=True, slots=True)
 class EmulatorOptions:
-    """What the user asked for on the command line."""
-
     device: str
     port: str | None
     config: Path | None

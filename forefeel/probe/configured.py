@@ -44,7 +44,6 @@ class ConfiguredDevice(NamedTuple):
 
 
 def configured(settings: DaemonSettings) -> list[ConfiguredDevice]:
-    """The devices of a slave or master, axis by axis."""
     found = []
     for axis in getattr(settings, "axes", ()):
         for slot in SLOTS:

@@ -34,7 +34,6 @@ class SerialPort:
 
     @property
     def usb(self) -> str | None:
-        """Vendor and product as `lsusb` writes them."""
         if self.vendor_id is None or self.product_id is None:
             return None
         return f"{self.vendor_id:04x}:{self.product_id:04x}"
@@ -50,7 +49,6 @@ class CanInterface:
 
 
 def serial_ports(by_id: Path = _BY_ID) -> list[SerialPort]:
-    """Every serial port, by name of its device file."""
     links = sorted(by_id.iterdir(), reverse=True) if by_id.is_dir() else []
     names = {os.path.realpath(link): str(link) for link in links}  # the first of each device
     found = []
@@ -94,7 +92,6 @@ def _read(path: Path) -> str:
 
 
 def run_devices() -> None:
-    """Answers what there is, for a person or a program."""
     serial, can = serial_ports(), can_interfaces()
     answer(*_in_words(serial, can), document=lambda: _document(serial, can))
 

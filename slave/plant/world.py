@@ -92,7 +92,6 @@ class SimulatedWorld:
         self._stage.hold()
 
     def grip(self, grip: Grip) -> Grip:
-        """Closes or opens the fixture now; the grip as applied."""
         return self._fixture.set(grip, self._stage.carriage_m)
 
     def stage_readback(self) -> tuple[float, float]:

@@ -39,7 +39,6 @@ class EmulatedLineCell:
         return out
 
     def provoke(self, fault: str) -> None:
-        """Begins `stuck` or `overrange`; `free` ends both."""
         self._sensor.provoke(fault)
 
     def _live(self, t_s: float) -> None:
@@ -67,7 +66,6 @@ class EmulatedLineCell:
 
 
 def build(settings: AsciiLineSettings, around: Surroundings, leave: ExitStack) -> SerialBench:
-    """Builds the cell that the settings describe for `Emulation`."""
     device = EmulatedLineCell(sensor_of(settings, around, leave), settings.unit, settings.request)
     return SerialBench(device, Path(settings.port), settings.baud)
 

@@ -35,7 +35,6 @@ class EmulatedBota:
             self._sensor.provoke(fault)
 
     def clock_us(self, t_s: float) -> int:
-        """Its own clock at that time."""
         return int(t_s * 1e6)
 
     def _frame(self, t_s: float, force_n: float) -> BotaFrame:
@@ -45,7 +44,6 @@ class EmulatedBota:
 
 
 def build(settings: BotaSettings, around: Surroundings, leave: ExitStack) -> SerialBench:
-    """Builds the six-axis cell on the stage for `Emulation`."""
     device = EmulatedBota(sensor_of(settings, around, leave), settings.component)
     return SerialBench(device, Path(settings.port), settings.baud)
 

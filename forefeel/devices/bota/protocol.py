@@ -63,7 +63,6 @@ class BotaFrame(NamedTuple):
 
     @property
     def finite(self) -> bool:
-        """Whether all its numbers are finite."""
         return all(map(isfinite, self))
 
     @property

@@ -34,7 +34,6 @@ def open_bus(settings: CanSettings) -> can.BusABC:
 
 
 def open_until(leave: ExitStack, settings: CanSettings) -> can.BusABC:
-    """The bus, shut down when `leave` is closed."""
     bus = open_bus(settings)
     leave.callback(bus.shutdown)
     return bus

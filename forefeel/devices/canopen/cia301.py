@@ -57,7 +57,6 @@ VENDOR, PRODUCT, REVISION, SERIAL = (ObjectEntry(0x1018, sub, "I") for sub in (1
 
 
 def profile(device_type: int) -> int:
-    """The number of the device profile: 402, 404."""
     return device_type & 0xFFFF
 
 

@@ -233,7 +233,6 @@ class CanopenDevice:
         return tuple((word >> 8, (word & 0xFF) // 8) for word in words)
 
     def take(self, can_id: int, data: bytes, t_s: float) -> None:
-        """A frame that may be SYNC or a PDO."""
         if not self.operational:
             return
         if can_id == cia301.SYNC:

@@ -69,7 +69,6 @@ class CanHub:
         self._on_wire = deque[tuple[float, int, bytes]]()  # (when it is complete, sender, frame)
 
     def provoke(self, fault: str) -> None:
-        """`unplug` or `plug` the first adapter now."""
         port = self._ports[0]
         if fault == "unplug":
             port.pty.unplug()
@@ -78,7 +77,6 @@ class CanHub:
             port.pty.plug()
 
     def step(self) -> None:
-        """One round; waits for at most 2 ms."""
         ready = {port.pty.fileno() for port in self._ports if port.pty.fileno() >= 0}
         ready = set(select.select(list(ready), [], [], self._wait_s())[0])
         for i, port in enumerate(self._ports):
@@ -99,6 +97,5 @@ class CanHub:
             port.pty.unplug()
 
     def _wait_s(self) -> float:
-        """The time until the frame on the wire is complete."""
         due_s = self._on_wire[0][0] - time.monotonic() if self._on_wire else _WAIT_S
         return max(0.0, min(_WAIT_S, due_s))

@@ -45,7 +45,6 @@ def talking_to(
 
 
 def can_link(slot: str, driver: str, settings: CanSettings, node: int) -> DeviceLink:
-    """A link that is named after its node and bus."""
     return DeviceLink(f"{slot} {driver} node {node} on {settings.interface} {settings.channel}")
 
 

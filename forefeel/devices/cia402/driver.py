@@ -308,7 +308,6 @@ class DriveEars:
             self._shared.unsubscribe(can_id, heard)
 
     def take(self) -> tuple[Readback | None, bool, int | None]:
-        """State, heartbeat and emergency since the last call."""
         found = self._heard, self._beat, self._emergency
         self._heard, self._beat, self._emergency = None, False, None
         return found

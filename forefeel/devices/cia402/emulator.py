@@ -151,7 +151,6 @@ class DriveHoming:
 
     @property
     def status(self) -> int:
-        """The bits of the statusword that the mode of homing has."""
         return _STATUS.get(self.phase, 0)
 
 
@@ -229,7 +228,6 @@ class DriveModel:
     # --- what it is told ---
 
     def control(self, word: int) -> None:
-        """Obeys a controlword, object 6040."""
         rising = word & ~self._control
         self._control = word
         if self.state is DriveState.FAULT:
@@ -309,7 +307,6 @@ class DriveModel:
     # --- time ---
 
     def advance(self, t_s: float) -> None:
-        """Makes the servo's steps up to that time."""
         while self._t_s + self._dt_s <= t_s:
             self._t_s += self._dt_s
             self._step(self._t_s)

@@ -62,7 +62,6 @@ class Transducer404(CanopenDevice):
 
 
 def build(settings: Cia404Settings, around: Surroundings, leave: ExitStack) -> Transducer404:
-    """Builds the transducer for `Emulation`."""
     sensor = sensor_of(settings, around, leave)
     bus = open_until(leave, settings.can)
     return Transducer404(bus, settings.node_id, sensor, now_s=around.now_s)

@@ -109,7 +109,6 @@ class CoilTalk:
         return self._command() if fresh else b""
 
     def forget_wish(self) -> None:
-        """No current until the haptic loop wants one again."""
         self.setpoint = _NO_CURRENT
 
     def farewell(self) -> bytes:
@@ -263,7 +262,6 @@ class CoilHandle:
 
     @property
     def counters(self) -> Counter[str]:
-        """Frames, faults, and what was lost or dropped."""
         return self.link.counters
 
     @property
@@ -280,7 +278,6 @@ class CoilHandle:
         self._conversation.start(_OPEN_S)
 
     def close(self) -> None:
-        """Takes the current away and lets the port go; idempotent."""
         self._talk.forget_wish()
         self._conversation.stop()
 

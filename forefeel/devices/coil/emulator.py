@@ -151,7 +151,6 @@ class CoilDevice:
         return self._sent
 
     def _live(self, t_s: float) -> HandleReading:
-        """A millisecond of the person and the coil."""
         heard = self._identified and t_s - self._command_s <= self._watchdog_s
         command = self._command
         now_ns = round(t_s * 1e9)
@@ -181,7 +180,6 @@ def _buttons(reading: HandleReading) -> Button:
 
 
 def build(settings: CoilSettings, around: Surroundings, leave: ExitStack) -> SerialBench:
-    """Builds the handle, in the hand of the synthetic operator, for `Emulation`."""
     del leave
     hardware = CoilHardware(
         counts_per_m=settings.counts_per_m,

@@ -51,8 +51,6 @@ class _Kind(IntEnum):
 
 
 class Button(IntFlag):
-    """Bits of the buttons that are pressed."""
-
     DEADMAN = 1
     GRIPPER = 2
     ESTOP = 4
@@ -158,7 +156,6 @@ class CoilParser:
         self._skipping = False
 
     def feed(self, data: bytes) -> list[Frame]:
-        """The frames that are complete now, in order."""
         *pieces, rest = (bytes(self._buffer) + data).split(b"\0")
         if pieces and self._skipping:
             self._skipping = False

@@ -56,8 +56,6 @@ class ForceSender:
 
 
 class ForceReceiver:
-    """Receives the force that an emulated stage sends."""
-
     def __init__(self, path: Path) -> None:
         with suppress(FileNotFoundError):
             path.unlink()

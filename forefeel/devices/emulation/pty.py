@@ -29,7 +29,6 @@ class Pty:
         self.plug()
 
     def plug(self) -> None:
-        """Makes a new terminal behind the same link."""
         if self._master >= 0:
             return
         if self.link.exists() and not self.link.is_symlink():
@@ -42,7 +41,6 @@ class Pty:
         fresh.replace(self.link)
 
     def unplug(self) -> None:
-        """The terminal goes away, as a cable that is pulled."""
         with suppress(FileNotFoundError):
             self.link.unlink()
         for end in (self._master, self._slave):
@@ -90,7 +88,6 @@ class PtyServer:
         self._start_s = time.monotonic()
 
     def step(self) -> None:
-        """One round: host to device, the device lives, device to host."""
         data = self._pty.read(self._wait_s())
         t_s = time.monotonic() - self._start_s
         self.to_device.send(data, t_s)
@@ -111,7 +108,6 @@ class PtyServer:
         return ("unplug", "plug", *self._device.faults)
 
     def provoke(self, fault: str) -> None:
-        """Begins a fault of the cable (`unplug`, `plug`) or of the device now."""
         if fault == "unplug":
             self._pty.unplug()
         elif fault == "plug":

@@ -37,7 +37,6 @@ class EmulatedSensor:
         self.fault = None if fault == "free" else fault
 
     def measure(self, t_s: float) -> float:
-        """The force in N as the cell measures it then."""
         most_n = self._full_scale_n
         if self.fault != "stuck":
             force_n = self._feel(t_s) + self._random.gauss(0.0, self._noise_n)

@@ -43,7 +43,6 @@ class Wire:
         self._under_way.append((self._free_s, data))
 
     def arrived(self, t_s: float) -> bytes:
-        """The bytes that have arrived by then."""
         found = bytearray()
         while self._under_way and self._under_way[0][0] <= t_s:
             found += self._under_way.popleft()[1]

@@ -122,7 +122,6 @@ class Pacer:
         self.missed = 0
 
     def wait_s(self) -> float:
-        """The time in s until the next deadline."""
         now_ns = self._clock.now_ns()
         self._deadline_ns += self._period_ns
         late_ns = now_ns - self._deadline_ns

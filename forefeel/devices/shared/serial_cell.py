@@ -102,7 +102,6 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
             stream.close()
 
     def _calibrated(self) -> ForceScale:
-        """The scale, with the calibration of the device that is there now."""
         serial, path = self._serial(), self._settings.calibration
         if self.link.serial not in ("", serial):
             raise DeviceError(

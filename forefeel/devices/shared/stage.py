@@ -22,7 +22,6 @@ class PositionScale(NamedTuple):
         return (native - self.zero) / self.per_m
 
     def ends(self, travel_m: tuple[float, float]) -> tuple[int, int]:
-        """A travel in native units, the smaller first."""
         low, high = sorted(self.native(end_m) for end_m in travel_m)
         return low, high
 

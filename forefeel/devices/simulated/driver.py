@@ -50,7 +50,6 @@ class SimulatedStage(SimulatedDevice):
         return self._opened_world().set_target(position_m, velocity_m_s, now_ns)
 
     def hold(self, now_ns: int) -> None:
-        """Decelerates to rest and holds, from the next step on."""
         self._opened_world().hold()
 
     def read(self, now_ns: int) -> StageReading:

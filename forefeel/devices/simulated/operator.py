@@ -109,7 +109,6 @@ class SimulatedHandle:
         return {}
 
     def show(self, indication: Indication) -> None:
-        """The person looks at it at the next read."""
         self._indication = indication
 
     def _step_s(self, now_ns: int) -> float:
@@ -205,13 +204,11 @@ class Operator(SimulatedHandle):
         self._gripper = Grip.CLOSED
 
     def render(self, force_n: float, now_ns: int) -> float:
-        """The hand feels the force from now on."""
         del now_ns
         self._force_n = force_n
         return force_n
 
     def read(self, now_ns: int) -> HandleReading:
-        """Moves the arm up to now; where it is, and how fast it moves."""
         dt_s = self._step_s(now_ns)
         was = self.person.act
         aligned = self._reach_s >= self._reach.duration_s

@@ -281,7 +281,6 @@ def _why_silent(talk: ZaberTalk, settings: ZaberSettings) -> str:
 
 
 def _limit(talk: ZaberTalk, settings: ZaberSettings, scale: PositionScale) -> None:
-    """Speed and acceleration as the settings have them."""
     per_m = abs(scale.per_m)
     limits = {
         "maxspeed": (settings.max_velocity_m_s * per_m * SPEED_DATA, "max_velocity_m_s"),
@@ -458,7 +457,6 @@ class ZaberExchange:
         return self._scale.metres(self._talk.as_number("get pos", reply.data))
 
     def _took(self, stamp_ns: int, position_m: float) -> None:
-        """A position, and the velocity over the last ones."""
         if self._positions and stamp_ns - self._positions[-1][0] > _GAP_NS:
             self._positions.clear()
         self._positions.append((stamp_ns, position_m))

@@ -69,7 +69,6 @@ class ZaberAxis:
         self.motion, self._goal = motion, goal
 
     def step(self) -> None:
-        """Moves the axis on by `STEP_S`."""
         before = self.velocity
         if self.busy:
             self._move()
@@ -348,7 +347,6 @@ _BEHIND_M = 0.001  # m, how far the stage's own limits lie beyond the travel of 
 
 
 def build(settings: ZaberSettings, around: Surroundings, leave: ExitStack) -> SerialBench:
-    """Builds the emulated stage, with the vessel in front of it, for `Emulation`."""
     low_m, high_m = sorted(settings.sign * end_m for end_m in settings.travel_m)
     model = ZaberModel(
         address=settings.device,
