@@ -8,7 +8,7 @@ import pytest
 from forefeel.common.errors import DeviceError, DeviceSetupError
 from forefeel.devices.ascii_line.driver import AsciiLineLoadCell
 from forefeel.devices.ascii_line.emulator import EmulatedLineCell
-from forefeel.devices.ascii_line.protocol import NEWTON_PER_UNIT, LineParser, Unit, encode_line, parse_line
+from forefeel.devices.ascii_line.protocol import NEWTON_PER_UNIT, LineParser, Unit, parse_line
 from forefeel.devices.ascii_line.settings import AsciiLineSettings
 from forefeel.devices.emulation.sensing import EmulatedSensor
 from forefeel.devices.emulation.wire import EmulatedDevice
@@ -22,8 +22,8 @@ def numbers(parser: LineParser, data: bytes) -> list[float]:
     return [line.number for line in parser.feed(data)]
 
 
-def begun(unit: Unit = "newton") -> LineParser:
-    parser = LineParser(unit)
+def begun() -> LineParser:
+    parser = LineParser("newton")
     parser.begin()
     return parser
 
@@ -58,15 +58,6 @@ def test_the_first_line_is_cut_and_dropped() -> None:
     parser = LineParser("newton")
     assert numbers(parser, b"5\r\n1.5\r\n2.5\r") == [1.5, 2.5]
     assert parser.counters == {"junk_lines": 1, "junk_bytes": 1, "lines": 2}
-
-
-def test_lines_cut_anywhere_come_whole() -> None:
-    stream = b"".join(encode_line(each / 8, "newton") for each in range(50))
-    for size in (1, 2, 7, 8, 64):
-        parser = begun()
-        got = [each for at in range(0, len(stream), size) for each in numbers(parser, stream[at : at + size])]
-        assert got == [each / 8 for each in range(50)]
-        assert parser.counters["junk_lines"] == 0
 
 
 def test_an_endless_line_is_bounded_and_counted() -> None:

@@ -55,15 +55,6 @@ def test_the_published_layout() -> None:
     assert BotaParser().feed(GOLDEN) == [FRAME]
 
 
-def test_frames_cut_anywhere_come_whole() -> None:
-    stream = b"".join(map(encode, frames(20)))
-    for size in (1, 2, 36, 37, 38, 100):
-        parser = BotaParser()
-        got = [each for at in range(0, len(stream), size) for each in parser.feed(stream[at : at + size])]
-        assert got == frames(20)
-        assert parser.counters == {"frames": 20, "resynchronised": 0}
-
-
 @pytest.mark.parametrize("at", range(FRAME_BYTES))
 def test_one_damaged_byte_costs_one_frame(at: int) -> None:
     sent = frames(3)

@@ -147,6 +147,9 @@ BAD_LOADS = [
     ["--weights", "0,abc"],
     ["--weights", "0,-1"],
     ["--weights", "0"],
+    ["--weights", "0,,1"],
+    ["--weights", "1,1"],
+    ["--weights", "1,nan"],
     ["--forces", "11"],
 ]
 BAD_OPTIONS = [

@@ -281,31 +281,53 @@ Believe = Callable[[int, int, float], Readback | None]
 """A TPDO (host_ns, statusword, position in counts) as it is to be taken; None: it can not be true."""
 
 
-class DriveEars:
-    """What the receiving thread hears of one drive; every part is taken once. Use: `with ears:`."""
+class DriveWire:
+    """What is heard of one drive, and what it is sent: `take` and `send` once a cycle, from one thread. Use:
+    `with wire:`; at its end the drive is told to stop.
+    """
 
     def __init__(
-        self, shared: SharedNetwork, node: int, link: DeviceLink, clock: Clock, believe: Believe
+        self,
+        shared: SharedNetwork,
+        settings: Cia402Settings,
+        link: DeviceLink,
+        clock: Clock,
+        believe: Believe,
+        target: int,
     ) -> None:
+        """`target`: in counts, beside the quick stop of a drive that was sent nothing yet."""
+        node = settings.node_id
         self._shared, self._link, self._clock, self._believe = shared, link, clock, believe
-        self._pdo = state_pdo(node)
+        self._command, self._state = command_pdo(node), state_pdo(node)
         self._hears = (
-            (self._pdo.can_id, self._on_state),
+            (self._state.can_id, self._on_state),
             (HEARTBEAT + node, self._on_heartbeat),
             (EMERGENCY + node, self._on_emergency),
         )
         self._heard: Readback | None = None
         self._beat = False
         self._emergency: int | None = None
+        self.period_ns = round(1e9 / settings.sync_hz)
+        self._beat_ns, self._next_beat_ns = round(settings.heartbeat_s * 1e9), 0
+        self._asked_ns: int | None = None  # when the newest SYNC of ours went out
+        self._target = target
 
-    def __enter__(self) -> "DriveEars":
+    def __enter__(self) -> "DriveWire":
         for can_id, heard in self._hears:
             self._shared.subscribe(can_id, heard)
         return self
 
-    def __exit__(self, *_: object) -> None:
-        for can_id, heard in self._hears:
-            self._shared.unsubscribe(can_id, heard)
+    def __exit__(self, *_error: object) -> None:
+        """Quick stop, as far as the bus still carries it; silence does the same three heartbeats later."""
+        try:
+            for _ in range(2):
+                self.send(cia402.QUICK_STOP, self._target)
+        except DeviceError:
+            self._link.counters["quick_stop_failed"] += 1
+        finally:
+            self._shared.leave_sync(self)
+            for can_id, heard in self._hears:
+                self._shared.unsubscribe(can_id, heard)
 
     def take(self) -> tuple[Readback | None, bool, int | None]:
         found = self._heard, self._beat, self._emergency
@@ -314,17 +336,18 @@ class DriveEars:
 
     def _on_state(self, can_id: int, data: bytearray, stamp: float) -> None:
         del can_id, stamp
-        values = self._pdo.unpack(data)
-        counters = self._link.counters
+        values = self._state.unpack(data)
+        counters, now_ns = self._link.counters, self._clock.now_ns()
         counters["tpdos"] += 1
         if values is None:
             counters["bad_length"] += 1
             return
-        heard = self._believe(self._clock.now_ns(), int(values[0]), values[1])
+        heard = self._believe(now_ns, int(values[0]), values[1])
         if heard is None:
             counters["implausible"] += 1
             return
         self._heard = heard
+        self._link.exchanged(None if self._asked_ns is None else now_ns - self._asked_ns)
 
     def _on_heartbeat(self, can_id: int, data: bytearray, stamp: float) -> None:
         del can_id, stamp
@@ -335,52 +358,28 @@ class DriveEars:
         self._link.counters["emergencies"] += 1
         self._emergency = emergency(data) or self._emergency
 
-
-class DriveVoice:
-    """Controlword and target, SYNC after it, and our heartbeat; from one thread.
-
-    Attributes:
-        asked_ns: when the newest SYNC of ours went out.
-    """
-
-    def __init__(self, shared: SharedNetwork, settings: Cia402Settings, link: DeviceLink) -> None:
-        self._shared, self._link = shared, link
-        self._pdo = command_pdo(settings.node_id)
-        self.period_ns = round(1e9 / settings.sync_hz)
-        self._beat_ns, self._next_beat_ns = round(settings.heartbeat_s * 1e9), 0
-        self.asked_ns: int | None = None
-
-    def send(self, word: int, target: int, now_ns: int) -> None:
+    def send(self, word: int, target: int) -> None:
         """Sends one cycle: the PDO, SYNC, and our heartbeat when it is due.
 
         Raises:
             DeviceError: the bus failed.
         """
-        self._shared.send(self._pdo.can_id, self._pdo.pack(word, target))
+        self._target, now_ns = target, self._clock.now_ns()
+        self._shared.send(self._command.can_id, self._command.pack(word, target))
         if self._shared.sends_sync(self, _RANK):
-            self.asked_ns = now_ns
+            self._asked_ns = now_ns
             self._shared.send(SYNC, b"")
         if now_ns >= self._next_beat_ns:
             self._next_beat_ns = now_ns + self._beat_ns - self.period_ns // 2
             self._shared.send(HEARTBEAT + HOST_NODE, bytes([OPERATIONAL]))
         self._shared.tell(self._link)
 
-    def release(self, target: int, now_ns: int) -> None:
-        """Quick stop, as far as the bus still carries it; silence does the same three heartbeats later."""
-        try:
-            for _ in range(2):
-                self.send(cia402.QUICK_STOP, target, now_ns)
-        except DeviceError:
-            self._link.counters["quick_stop_failed"] += 1
-        finally:
-            self._shared.leave_sync(self)
-
 
 # --- A CiA 402 drive in cyclic synchronous position mode behind the stage port.
 _OPEN_S = 8.0  # s for the handshake
 # m/s^2 with which `hold` comes to rest: the default of the slave's `stop_deceleration_m_s2`
 _DECELERATION_M_S2 = 4.0
-_STAND_CYCLES = 3  # answers of a drive that was told to stand, before it is enabled
+STAND_CYCLES = 3  # answers of a drive that was told to stand, before it is enabled
 
 
 class Cia402Stage:
@@ -468,53 +467,40 @@ class Cia402Stage:
         self.link.advance(LinkState.CONFIGURED)
         s = self._settings
         tracker = Tracker(1.0 / s.sync_hz, s.max_velocity_m_s, s.following_error_m)
-        voice = DriveVoice(shared, self._settings, self.link)
 
         def believe(host_ns: int, statusword: int, counts: float) -> Readback | None:
             heard = tracker.take(host_ns, statusword, scale.metres(counts))
-            if heard is not None:
-                self._readback = heard
-                self.link.exchanged(None if voice.asked_ns is None else host_ns - voice.asked_ns)
+            self._readback = heard or self._readback
             return heard
 
-        with DriveEars(shared, self._settings.node_id, self.link, self._clock, believe) as ears:
-            yield from self._cycles(conversation, ears, voice, scale, actual_m)
+        with DriveWire(shared, s, self.link, self._clock, believe, scale.native(actual_m)) as wire:
+            yield from self._cycles(conversation, wire, scale, actual_m)
 
     def _cycles(
-        self,
-        conversation: Conversation,
-        ears: DriveEars,
-        voice: DriveVoice,
-        scale: PositionScale,
-        actual_m: float,
+        self, conversation: Conversation, wire: DriveWire, scale: PositionScale, actual_m: float
     ) -> Steps:
         """From CONFIGURED until the conversation ends or a fault is raised, at absolute deadlines; comes to
-        rest before it returns, quick stop in any case.
+        rest before it returns.
         """
         settings, link, clock, setpoint = self._settings, self.link, self._clock, self._new_setpoint()
         setpoint.restart(actual_m)
         cycle = DriveCycle(1.0 / settings.sync_hz, settings.heartbeat_s, setpoint)
-        machine, first, pacer = cycle.machine, link.inhibited is None, Pacer(clock, voice.period_ns)
+        machine, first, pacer = cycle.machine, link.inhibited is None, Pacer(clock, wire.period_ns)
 
         def may_end() -> bool:
             at_rest = setpoint.velocity_m_s == 0.0 or machine.phase is not Phase.FOLLOWING
             return conversation.stopping and at_rest
 
-        try:
-            while not may_end():
-                now_ns = clock.now_ns()
-                heard, beat, alarm = ears.take()
-                link.counters["silent_periods"] += heard is None and self._readback is not None
-                wanted = None if conversation.stopping else self._wanted
-                word = cycle.step(heard, beat, alarm, wanted, now_ns)
-                voice.send(word, scale.native(setpoint.position_m), now_ns)
-                self._enable(cycle, first)
-                yield pacer.wait_s()
-                link.counters["late_cycles"] += pacer.missed
-                pacer.missed = 0
-        finally:
-            machine.stop()
-            voice.release(scale.native(setpoint.position_m), clock.now_ns())
+        while not may_end():
+            heard, beat, alarm = wire.take()
+            link.counters["silent_periods"] += heard is None and self._readback is not None
+            wanted = None if conversation.stopping else self._wanted
+            word = cycle.step(heard, beat, alarm, wanted, clock.now_ns())
+            wire.send(word, scale.native(setpoint.position_m))
+            self._enable(cycle, first)
+            yield pacer.wait_s()
+            link.counters["late_cycles"] += pacer.missed
+            pacer.missed = 0
 
     def _enable(self, cycle: DriveCycle, first: bool) -> None:
         """Enables at the start, re-arms when asked to; READY once the drive follows. Else it stands."""
@@ -524,7 +510,7 @@ class Cia402Stage:
             machine.stop()
         elif rearm:
             machine.rearm()
-        elif first and link.state is LinkState.CONFIGURED and cycle.passive_cycles >= _STAND_CYCLES:
+        elif first and link.state is LinkState.CONFIGURED and cycle.passive_cycles >= STAND_CYCLES:
             machine.enable()
             if machine.phase is Phase.FOLLOWING:
                 link.advance(LinkState.READY)

@@ -11,10 +11,10 @@ from forefeel.devices.canopen.network import SharedNetwork, acquire, release
 from forefeel.devices.canopen.sdo import RemoteDevice, can_link, talking_to
 from forefeel.devices.cia402 import protocol as cia402
 from forefeel.devices.cia402.driver import (
+    STAND_CYCLES,
     Cia402Stage,
     DriveCycle,
-    DriveEars,
-    DriveVoice,
+    DriveWire,
     Readback,
     configure_homing,
     require_homing,
@@ -32,8 +32,6 @@ from forefeel.devices.shared.conversation import Pacer
 from forefeel.devices.shared.stage import PositionScale, Setpoint
 
 # --- What one cycle of a CiA 402 drive that is being homed decides. Pure.
-# answers of a drive that was told to stand, before it is enabled, as `_STAND_CYCLES` of the driver
-_STAND_CYCLES = 3
 _ANSWER_CYCLES = 3  # readbacks after the start that are not judged, for they may be older than it
 _STATUS = HOMING_ERROR | HOMING_ATTAINED | TARGET_REACHED
 
@@ -73,7 +71,7 @@ class HomingCycle:
             self._cycle.setpoint.restart(heard.position_m)
             self._cycle.passive_cycles += machine.phase is Phase.PASSIVE
         if machine.phase is not Phase.FOLLOWING:
-            if self._cycle.passive_cycles >= _STAND_CYCLES:
+            if self._cycle.passive_cycles >= STAND_CYCLES:
                 machine.enable()
             return word
         if self._started and heard is not None:
@@ -210,21 +208,19 @@ class Cia402Homing:
         def believe(host_ns: int, statusword: int, native: float) -> Readback:
             return Readback(host_ns, statusword, counts.metres(native), 0.0)
 
-        voice, period_s = DriveVoice(shared, settings, self.link), 1.0 / settings.sync_hz
+        period_s = 1.0 / settings.sync_hz
         standing = Setpoint(period_s, settings.travel_m, settings.max_velocity_m_s, 1.0)
         cycle = DriveCycle(period_s, settings.heartbeat_s, standing)
         homing = HomingCycle(cycle, settings.homing.method, round(self._longest_s() * settings.sync_hz))
-        pacer = Pacer(self._clock, voice.period_ns)
-        with DriveEars(shared, settings.node_id, self.link, self._clock, believe) as ears:
-            try:
+        try:
+            with DriveWire(shared, settings, self.link, self._clock, believe, 0) as wire:
+                pacer = Pacer(self._clock, wire.period_ns)
                 while not homing.done:
-                    word = homing.step(*ears.take())
-                    voice.send(word, counts.native(cycle.setpoint.position_m), self._clock.now_ns())
+                    word = homing.step(*wire.take())
+                    wire.send(word, counts.native(cycle.setpoint.position_m))
                     self._sleep(pacer)
-            except DeviceError as error:
-                raise DeviceError(f"{self.link.name}: {error}; the stage has been stopped") from error
-            finally:
-                voice.release(counts.native(cycle.setpoint.position_m), self._clock.now_ns())
+        except DeviceError as error:
+            raise DeviceError(f"{self.link.name}: {error}; the stage has been stopped") from error
 
     def _sleep(self, pacer: Pacer) -> None:
         self._clock.sleep_until_ns(self._clock.now_ns() + round(pacer.wait_s() * 1e9))
