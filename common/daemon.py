@@ -111,8 +111,4 @@ class Reports:
             return
         for chunk in self._transport.drain_trace():
             header = self._trace.header(0, now_ns)
-            self._trace.send(
-                ImpairmentTrace(
-                    **header, link=chunk.link, first_index=chunk.first_index, delays_ns=chunk.delays_ns
-                )
-            )
+            self._trace.send(ImpairmentTrace(**header, **chunk._asdict()))

@@ -23,8 +23,7 @@ from forefeel.local.client import LONGEST_TEXT, Answer, Request, socket_path
 
 if TYPE_CHECKING:
     from forefeel.master.daemon import MasterDaemon
-    from forefeel.slave.clearing import Clearing
-    from forefeel.slave.daemon import SlaveDaemon
+    from forefeel.slave.daemon import Clearing, SlaveDaemon
 
 _LONGEST_REQUEST = 8192
 """Bytes: two of the longest texts, each character escaped in 12 bytes, take 6144."""

@@ -28,7 +28,7 @@ from forefeel.common.settings import differences, settings_hash, shared_text
 from forefeel.master.events import MasterEvents, Standing
 from forefeel.master.handle import Handle, HandleWatch, Indication
 from forefeel.master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
-from forefeel.master.identification import IdentificationTask
+from forefeel.master.prediction import IdentificationTask
 from forefeel.master.prior import suspicion
 from forefeel.master.samples import bounded, haptic_sample, model_parameters
 from forefeel.master.session import Session, SessionState

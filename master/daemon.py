@@ -17,8 +17,7 @@ from forefeel.common.transport.port import Transport
 from forefeel.master.axis import MasterAxis
 from forefeel.master.handle import Handle, HandleDriverSettings
 from forefeel.master.haptics import HapticLoop
-from forefeel.master.identification import IdentificationTask
-from forefeel.master.prediction import ForcePrediction
+from forefeel.master.prediction import ForcePrediction, IdentificationTask
 from forefeel.master.prior import keep, load
 from forefeel.master.settings import MasterAxisSettings, MasterSettings
 

@@ -1,4 +1,5 @@
-"""The force now: the predictor on the setpoints that the stage is about to follow. Pure.
+"""The force now: the predictor on the setpoints that the stage is about to follow; and the task that learns
+from the forces that arrive late. Pure.
 
 One stamp joins everything: that of the command. The predictor moves with the setpoint that the limits leave
 of the command, and learns from the force that the slave measured while it executed that command. So the
@@ -7,11 +8,15 @@ drive's lag is part of what it learns. The contact model is one of the instrumen
 position at which the stage is expected.
 """
 
+from operator import itemgetter
+
 from forefeel.common.estimation.evaluator import Estimate, Evaluator, Snapshot
+from forefeel.common.estimation.learner import Learner
 from forefeel.common.estimation.stage_lag import StageLag
 from forefeel.common.limiter import MotionLimiter
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
+from forefeel.common.slots import BoundedQueue
 
 _MAX_STEP_S = 0.010  # s, longest step of time that the limits count, as in `slave/control.py`
 
@@ -103,3 +108,39 @@ class ForcePrediction:
         """The motion so far is over, as after a new grip; what was learned stays."""
         self._expected = None
         self.evaluator.restart()
+
+
+_QUEUE = 8192  # eight seconds at 1 kHz
+
+
+class IdentificationTask:
+    """Runs on asyncio beside the haptic loop; the loop pulls `snapshot`, one reference, without a lock.
+
+    A force and the readback of the same instant travel in one sample with the stamp of the command that
+    they answer: the network can delay, lose or reorder such samples, and mixes nothing.
+
+    Args:
+        prediction: in the loop.
+        learner: learns what the prediction's evaluator is to know.
+
+    Attributes:
+        queue: filled by the transport's thread. snapshot: what is known. used, unused: samples so far.
+    """
+
+    def __init__(self, prediction: ForcePrediction, learner: Learner) -> None:
+        self.queue: BoundedQueue[ForceSample] = BoundedQueue(_QUEUE)
+        self._prediction = prediction
+        self.learner = learner
+        self.snapshot = learner.publish()
+        self.used = self.unused = 0
+
+    def run(self) -> None:
+        """Learns from what has arrived since the last call, in the order of the stamps, and publishes it."""
+        samples = self.queue.drain()
+        known = [(s, sample) for sample in samples if (s := self._prediction.stamp_s(sample)) is not None]
+        self.used += len(known)
+        self.unused += len(samples) - len(known)
+        for stamp_s, sample in sorted(known, key=itemgetter(0)):
+            self._prediction.lag.observe(sample.answers_stamp_ns or 0, sample.position_m)
+            self.learner.take(stamp_s, sample.force_n)
+        self.snapshot = self.learner.publish()

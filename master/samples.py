@@ -13,7 +13,7 @@ from forefeel.common.messages import (
     within,
 )
 from forefeel.master.haptics import HapticOutputs, NewestForce
-from forefeel.master.identification import IdentificationTask
+from forefeel.master.prediction import IdentificationTask
 
 
 def ages_s(

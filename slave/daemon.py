@@ -1,8 +1,11 @@
-"""The slave's composition root: the only place that knows concrete classes."""
+"""The slave's composition root: the only place that knows concrete classes; and the clearing of latched stops
+and faults, a local act, for all axes that hang together in one tick.
+"""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from contextlib import ExitStack
+from typing import NamedTuple
 
 from forefeel.common.bus import Bus
 from forefeel.common.clock import Clock
@@ -14,13 +17,55 @@ from forefeel.common.settings import TICK_NS
 from forefeel.common.slots import BoundedQueue
 from forefeel.common.transport.port import Transport
 from forefeel.slave.axis import SlaveAxis
-from forefeel.slave.clearing import FOLLOWS, Clearing, ClearRequest
 from forefeel.slave.devices import Devices
 from forefeel.slave.plant.world import SimulatedWorld
 from forefeel.slave.settings import SlaveAxisSettings, SlaveSettings
 
 _ANNOUNCE_NS = 2 * SECOND_NS  # who begins to record hears the calibrations soon
 _CLEARINGS = 64  # between two ticks; far more than the local socket serves at once
+
+
+FOLLOWS = "axis {} is halted"
+"""Why an axis stops with another one."""
+
+
+class Clearing(NamedTuple):
+    """What became of one axis: what was latched, and why it still is; empty when it is not any more."""
+
+    axis: str
+    was: str
+    still: str
+
+
+class ClearRequest:
+    """Asked on asyncio, heeded by the control loop at its next tick; `done` has the result then.
+
+    Who cancels `done` before that tick has nothing cleared.
+    """
+
+    def __init__(self, axis: str | None) -> None:
+        self.done: Future[list[Clearing]] = Future()
+        self._axis = axis
+        self._was: list[tuple[SlaveAxis, str]] = []
+
+    def begin(self, axes: Sequence[SlaveAxis]) -> bool:
+        """Before the axes' ticks; whether it is still wanted, and `end` is to follow."""
+        if not self.done.set_running_or_notify_cancel():
+            return False
+        chosen = [axis for axis in axes if axis.halted and self._means(axis)]
+        self._was = [(axis, f"{axis.state.value}: {axis.reason}") for axis in chosen]
+        for axis in chosen:
+            axis.clear()
+        return True
+
+    def end(self) -> None:
+        self.done.set_result(
+            [Clearing(axis.name, was, axis.reason if axis.halted else "") for axis, was in self._was]
+        )
+
+    def _means(self, axis: SlaveAxis) -> bool:
+        """Whether it is asked to clear that axis: one that is named takes those with it that follow it."""
+        return self._axis in (None, axis.name) or axis.reason == FOLLOWS.format(self._axis)
 
 
 class SlaveDaemon:

@@ -132,12 +132,11 @@ _OF_MEDIAN = float(np.log(2.0))  # median over mean of a periodogram's power (ch
 
 @dataclass(frozen=True, slots=True)
 class NoiseFloor:
-    """`S(f) = white + coloured f^-slope` in N^2/Hz, one-sided, learned from `from_hz` on."""
+    """`S(f) = white + coloured f^-slope` in N^2/Hz, one-sided."""
 
     white: float
     coloured: float
     slope: float
-    from_hz: float
 
     def density(self, frequency_hz: Floats) -> Floats:
         """S in N^2/Hz; first-order noise is flat below 1 Hz: what rises further is no noise, but wanders."""
@@ -185,7 +184,7 @@ def _above(
         return None
     power = _spectra(np.stack([force[start : start + count] for start in starts]), _TREND)
     density = np.asarray(np.median(power, axis=0) / _OF_MEDIAN / rate_hz, dtype=np.float64)
-    return _fitted(frequency[above], density[above], from_hz, len(starts))
+    return _fitted(frequency[above], density[above], len(starts))
 
 
 def _one_way(position: Floats, step_m: float, rate_hz: float, count: int) -> list[int]:
@@ -231,7 +230,7 @@ def _motion_ends_hz(position: Floats, step_m: float, rate_hz: float) -> float:
     return float(frequency[int(np.searchsorted(total, _MOTION_SHARE * total[-1]))])
 
 
-def _fitted(frequency: Floats, density: Floats, from_hz: float, stretches: int) -> NoiseFloor:
+def _fitted(frequency: Floats, density: Floats, stretches: int) -> NoiseFloor:
     """The least steep slope that no steeper one betters by its likelihood; weights by the density itself."""
     edges = np.geomspace(frequency[0], frequency[-1] * 1.0001, _SMOOTHED_BINS + 1)
     place = np.digitize(frequency, edges) - 1
@@ -239,7 +238,7 @@ def _fitted(frequency: Floats, density: Floats, from_hz: float, stretches: int) 
     f = np.array([np.exp(np.mean(np.log(frequency[place == k]))) for k in used])
     s = np.array([np.mean(density[place == k]) for k in used])
     doubt = np.sqrt(_OF_ONE / (0.5 * stretches * counts) + _LAW**2)
-    best, least = NoiseFloor(float(np.median(s)), 0.0, 0.0, from_hz), np.inf
+    best, least = NoiseFloor(float(np.median(s)), 0.0, 0.0), np.inf
     for slope in _SLOPES:
         columns = np.column_stack([np.ones_like(f), f**-slope])
         said = s
@@ -248,5 +247,5 @@ def _fitted(frequency: Floats, density: Floats, from_hz: float, stretches: int) 
             said = np.maximum(columns @ (white, coloured), 1e-300)
         error = float(np.sum((np.log(s / said) / doubt) ** 2))
         if error < least - _BETTER:
-            best, least = NoiseFloor(float(white), float(coloured), slope, from_hz), error
+            best, least = NoiseFloor(float(white), float(coloured), slope), error
     return best

@@ -30,18 +30,13 @@ _FILTER_STEPS = 12  # length of the filter before it, in slow samples: 8 Hz pass
 
 @dataclass(slots=True, eq=False)
 class Cleaned:
-    """The force without lines and spikes, what was taken out, which samples were clipped, and the faults.
-
-    Attributes:
-        force_n: cleaned; raw force is `force_n + lines_n` but at spikes.
-        clipped, spikes: where the raw force means nothing.
-        lines_n: mains lines.
+    """The force without lines and spikes, and the faults; `clipped`, `spikes`: where the raw force means
+    nothing.
     """
 
     force_n: Floats
     clipped: Mask
     spikes: Mask
-    lines_n: Floats
     faults: list[Cause] = field(default_factory=list)
 
 
@@ -50,7 +45,7 @@ def clean(recording: Recording) -> Cleaned:
     assert recording.force_n is not None
     force = np.array(recording.force_n)
     nowhere = np.zeros(len(force), dtype=np.bool_)
-    cleaned = Cleaned(force, nowhere, nowhere.copy(), np.zeros(len(force)))
+    cleaned = Cleaned(force, nowhere, nowhere.copy())
     step = comb_step(force)
     _saturation(cleaned, step)
     if step is not None:
@@ -140,7 +135,6 @@ def _mains(cleaned: Cleaned, recording: Recording) -> None:
         amplitude = float(np.hypot(weights[0], weights[len(orders)]))
         spread = np.sqrt(6.0) / np.pi / float(t[-1]) / level * 1.96
         cleaned.force_n = cleaned.force_n - wave
-        cleaned.lines_n = cleaned.lines_n + wave
         parameters = {
             "frequency_hz": Interval.about(frequency, spread),
             "amplitude_n": Interval.about(amplitude, 1.96 * amplitude / level),

@@ -62,7 +62,7 @@ def diagnosed_step(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
     bias_n = float(np.mean(force_n) - found.sense * known[2] * np.mean(recording.position_m))
     model = {"bias": ()}, [*(found.sense * value for value in known), bias_n]
     nowhere = np.zeros(len(recording), dtype=np.bool_)
-    cleaned = Cleaned(force_n, nowhere, nowhere, np.zeros(len(recording)))
+    cleaned = Cleaned(force_n, nowhere, nowhere)
     analysis = fitted_elsewhere(recording, cleaned, found.sense, model, model)
     error = ModelError.of(found.left_n, found.force_n, {"": found.parameters})
     held = HeldOut(found.left_n, found.left_n, 0.0, 0.0, 0.0)

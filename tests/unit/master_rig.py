@@ -25,8 +25,7 @@ from forefeel.common.transport.memory import MemoryBus
 from forefeel.master.axis import MasterAxis
 from forefeel.master.handle import HandleReading, Indication
 from forefeel.master.haptics import HapticLoop
-from forefeel.master.identification import IdentificationTask
-from forefeel.master.prediction import ForcePrediction
+from forefeel.master.prediction import ForcePrediction, IdentificationTask
 from forefeel.master.session import SessionState
 from forefeel.master.settings import MasterAxisSettings, RenderingSettings
 from tests.unit.dashboard import said

@@ -4,8 +4,7 @@ from forefeel.common.events.sink import Detail, EventSink
 from forefeel.common.messages import SafetyState
 from forefeel.common.runtime.virtual import VirtualRuntime
 from forefeel.common.transport.memory import MemoryBus
-from forefeel.slave.clearing import Clearing
-from forefeel.slave.daemon import SlaveDaemon
+from forefeel.slave.daemon import Clearing, SlaveDaemon
 from forefeel.slave.settings import SlaveAxisSettings, SlaveSettings
 
 MS = 1_000_000

@@ -16,7 +16,7 @@ from forefeel.common.messages import SafetyState
 from forefeel.common.state.folder import SOCKET
 from forefeel.control_socket import ControlSocket, SlaveRequests
 from forefeel.local.client import Answer, Request, ask
-from forefeel.slave.clearing import Clearing
+from forefeel.slave.daemon import Clearing
 from tests.stepped import SteppedHost
 from tests.unit.failing import refusing
 from tests.unit.slave_cell import Book, Cell

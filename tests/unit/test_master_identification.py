@@ -11,8 +11,7 @@ from forefeel.common.estimation.learner import Learner
 from forefeel.common.estimation.predictor import Predictor
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
-from forefeel.master.identification import IdentificationTask
-from forefeel.master.prediction import ForcePrediction
+from forefeel.master.prediction import ForcePrediction, IdentificationTask
 from tests.unit.dashboard.said import force
 
 MS = 1_000_000

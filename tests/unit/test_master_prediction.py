@@ -9,8 +9,7 @@ from forefeel.common.causes.model import SCHEMA, ContactModel
 from forefeel.common.estimation.learner import Learner
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
-from forefeel.master.identification import IdentificationTask
-from forefeel.master.prediction import ExpectedSetpoint, ForcePrediction
+from forefeel.master.prediction import ExpectedSetpoint, ForcePrediction, IdentificationTask
 from tests.unit.dashboard.said import force
 from tests.unit.test_stage_lag import Drive, _reach
 
