@@ -6,9 +6,9 @@ whose first member is their stamp, and read by the one that writes a record.
 
 from collections import deque
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
-from forefeel.common.messages import ControlCycle, Grip, Message, SafetyState
+from forefeel.common.messages import Grip, Message, SafetyState
 from forefeel.common.topics import Qos, Topic, parse_key
 
 BEFORE_NS = 2_000_000_000  # ns recorded before the event
@@ -71,25 +71,18 @@ class Rings:
         return list(self._rings.values())
 
 
-CycleRow = tuple[int, float, float, bool, float, float, float, bool, SafetyState, Grip, int | None, int]
-"""stamp_ns, setpoint_m, its velocity, moving, readback_m, its velocity, force_n, force valid, state, gripper,
-sequence of the executed command, session.
-"""
+class CycleRow(NamedTuple):
+    """The fields of a `ControlCycle`, as the control loop notes them."""
 
-
-def cycle_message(row: CycleRow, sequence: int) -> ControlCycle:
-    return ControlCycle(
-        session_id=row[11],
-        sequence=sequence,
-        stamp_ns=row[0],
-        setpoint_m=row[1],
-        setpoint_velocity_m_s=row[2],
-        moving=row[3],
-        position_m=row[4],
-        velocity_m_s=row[5],
-        force_n=row[6],
-        force_valid=row[7],
-        state=row[8],
-        gripper=row[9],
-        executed_sequence=row[10],
-    )
+    stamp_ns: int
+    setpoint_m: float
+    setpoint_velocity_m_s: float
+    moving: bool
+    position_m: float
+    velocity_m_s: float
+    force_n: float
+    force_valid: bool
+    state: SafetyState
+    gripper: Grip
+    executed_sequence: int | None
+    session_id: int

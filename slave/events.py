@@ -55,11 +55,11 @@ class SlaveEvents(AxisEvents):
         state: SafetyState,
         session: int,
     ) -> None:
-        """One control cycle for the flight recorder: a tuple, and nothing else."""
+        """One control cycle for the flight recorder."""
         if self._add_cycle is None:
             return
         executing = outputs.executing
-        row: CycleRow = (
+        row = CycleRow(
             now_ns, outputs.target_m, outputs.velocity_m_s, outputs.moving, *watch.stage,
             watch.force.force_n, watch.force.valid, state, grip,
             None if executing is None else executing.sequence, session,

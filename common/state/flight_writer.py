@@ -10,10 +10,10 @@ from pydantic import ValidationError
 
 from forefeel.common.clock import Clock, utc_text
 from forefeel.common.events.sink import Detail
-from forefeel.common.flight import AFTER_NS, BEFORE_NS, FlightRing, Rings, Row, cycle_message
+from forefeel.common.flight import AFTER_NS, BEFORE_NS, CycleRow, FlightRing, Rings, Row
+from forefeel.common.messages import ControlCycle
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.runtime.threads import Worker
-from forefeel.common.topics import CONTROL_CYCLE
 
 _AT_MOST_EVERY_NS = 1_000_000_000  # so that a flood of faults does not fill the disk
 _BLOCK_ROWS = 32  # rows that are written without a pause, in less than a millisecond
@@ -117,14 +117,14 @@ class FlightWriter:
                 old.unlink()
 
     def _write_ring(self, writer: RunWriter, ring: FlightRing, rows: list[Row]) -> None:
-        cycles = ring.key.endswith(f"/{CONTROL_CYCLE.name}")
         for number, row in enumerate(rows):
             if number % _BLOCK_ROWS == _BLOCK_ROWS - 1:
                 self.worker.pause(_PAUSE_S)
-            if not cycles:
+            if not isinstance(row, CycleRow):
                 writer.write(ring.key, row[1], row[0])
                 continue
             try:
-                writer.write_message(ring.key, cycle_message(row, number), row[0])
+                cycle = ControlCycle(sequence=number, **row._asdict())
+                writer.write_message(ring.key, cycle, row.stamp_ns)
             except ValidationError:  # a number that is none: the rows around it say more than no file
                 writer.malformed += 1

@@ -3,7 +3,7 @@
 import json
 import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -159,7 +159,7 @@ def _prediction(recording: Recording, model: ContactModel, sense: float) -> "Acr
 def _document(diagnosed: Diagnosed, across: "Across | str | None") -> str:
     document = {
         **diagnosed.diagnosis.to_mapping(),
-        "prediction_300_ms": None if across is None or isinstance(across, str) else across.to_mapping(),
+        "prediction_300_ms": None if across is None or isinstance(across, str) else asdict(across),
     }
     return json.dumps(_finite(document), indent=2, allow_nan=False) + "\n"
 

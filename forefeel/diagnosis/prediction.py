@@ -1,6 +1,6 @@
 """The gain where it counts: the force predicted across a delay, with the extended model and without."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -46,9 +46,6 @@ class Across:
     early_n: tuple[float, float]
     late_n: tuple[float, float] | None
     contact_share: float
-
-    def to_mapping(self) -> dict[str, object]:
-        return asdict(self)
 
 
 def across_delay(recording: Recording, extended: ContactModel) -> Across:

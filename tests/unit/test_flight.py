@@ -12,7 +12,7 @@ from forefeel.common import topics
 from forefeel.common.bus import Bus
 from forefeel.common.clock import VirtualClock
 from forefeel.common.codec import encode
-from forefeel.common.flight import Rings, Row
+from forefeel.common.flight import CycleRow, Rings, Row
 from forefeel.common.messages import EmergencyStop, Grip, SafetyState
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.state.flight_writer import FlightWriter
@@ -30,7 +30,9 @@ STOPS = topics.EMERGENCY_STOP.key("cell", "insertion")
 
 def row(stamp_ns: int, force_n: float = 0.5) -> Row:
     state, grip = SafetyState.ARMED, Grip.CLOSED
-    return (stamp_ns, 0.02, 0.001, True, 0.0199, 0.001, force_n, True, state, grip, stamp_ns // MS, 41)
+    return CycleRow(
+        stamp_ns, 0.02, 0.001, True, 0.0199, 0.001, force_n, True, state, grip, stamp_ns // MS, 41
+    )
 
 
 # --- in memory ---
