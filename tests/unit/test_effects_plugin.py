@@ -253,7 +253,7 @@ class Threshold(ForceEffect):
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         return (float(np.tanh((x - self.values["position_m"]) / self.values["width_m"])),)
 
-    def _columns(self, t: Floats, x: Floats, v: Floats, a: Floats, dt: Floats) -> Floats:
+    def columns(self, t: Floats, x: Floats, v: Floats, a: Floats, dt: Floats) -> Floats:
         depth = (x - self.values["position_m"]) / self.values["width_m"]
         return np.asarray(np.tanh(depth))[:, None]
 
