@@ -52,7 +52,7 @@ def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     from forefeel.network_settings import observer  # noqa: PLC0415
 
     found, drawn = observer(config, cell, connect or [], pki, through_router), vessel_of(vessel)
-    with extra("dashboard", *PACKAGES, command="dashboard"):
+    with extra("dashboard", *PACKAGES):
         from forefeel.dashboard.server import run_dashboard  # noqa: PLC0415
     with output(quiet=quiet):
         run_dashboard(found, address, port, insecure, opens, drawn, sys.stdin if told else None)

@@ -34,7 +34,7 @@ def metrics(  # noqa: PLR0913, PLR0917 - one parameter per option
 ) -> None:
     from forefeel.network_settings import observer  # noqa: PLC0415 - the help needs none of it
 
-    with extra("metrics", "prometheus_client", command="metrics"):
+    with extra("metrics", "prometheus_client"):
         from forefeel.metrics import run_metrics  # noqa: PLC0415
     found = observer(config, cell, connect or [], pki, through_router)
     with output(quiet=quiet):

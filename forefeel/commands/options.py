@@ -67,7 +67,7 @@ def examples_of(command: Callable[..., None]) -> tuple[str, ...]:
 
 
 @contextmanager
-def extra(name: str, *packages: str, command: str) -> Iterator[None]:
+def extra(name: str, *packages: str) -> Iterator[None]:
     """Imports inside need the packages of the extra `forefeel[name]`; any other that is missing is our fault.
 
     Raises:
@@ -78,4 +78,4 @@ def extra(name: str, *packages: str, command: str) -> Iterator[None]:
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in packages:
             raise
-        raise ConfigurationError(f"{command}: needs an extra: pip install forefeel[{name}]") from error
+        raise ConfigurationError(f"needs an extra: pip install forefeel[{name}]") from error

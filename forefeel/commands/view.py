@@ -22,7 +22,7 @@ def view(
     from forefeel.dashboard.vessel import vessel_of  # noqa: PLC0415 - the help needs none of it
 
     drawn = vessel_of(vessel)
-    with extra("dashboard", *PACKAGES, command="view"):
+    with extra("dashboard", *PACKAGES):
         from forefeel.dashboard.server import run_view  # noqa: PLC0415
     with output(quiet=quiet):
         run_view(file, address, port, opens, drawn)

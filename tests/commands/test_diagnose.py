@@ -200,8 +200,6 @@ SLOW = "\n".join([HEADER, *LINES[::2]])
 BAD = {
     "too short": ("@/a.csv", ("a.csv: 2.89 s long", "at least 3 s"), {"a.csv": csv_text(made(2.9))}),
     "no force": ("@/a.csv", ("a.csv: no force",), {"a.csv": GOOD.replace("force_n", "current_a", 1)}),
-    "missing column": ("@/a.csv --force N:load", ("a.csv: no column 'load'", "'force_n'"), {"a.csv": GOOD}),
-    "no file": ("@/none.csv", ("none.csv", "No such file"), {}),
     "two files": ("@/a.csv @/b.csv", ("b.csv", "--together"), {"a.csv": GOOD, "b.csv": GOOD}),
     "together alone": ("@/a.csv --together", ("at least two",), {"a.csv": GOOD}),
     "together, other rate": ("@/in --together", ("b.csv", "one rate"), {"in/a.csv": GOOD, "in/b.csv": SLOW}),
@@ -209,7 +207,6 @@ BAD = {
     "folder, out is a file": ("@/in", ("out", "is a file"), {"in/a.csv": GOOD, "out": "precious"}),
     "earlier summary": ("@/in", ("earlier diagnosis", "--over"), {"in/a.csv": GOOD, "out/summary.json": "x"}),
     "model broken": ("@/a.csv --model @/m.yaml", ("m.yaml", "schema"), {"a.csv": GOOD, "m.yaml": "a: 1\n"}),
-    "jobs": ("@/in --jobs 0", ("--jobs",), {"in/a.csv": GOOD}),
     "scheduler of a file": ("@/a.csv --scheduler x:1", ("--scheduler", "a folder"), {"a.csv": GOOD}),
     "scheduler malformed": ("@/in --scheduler here", ("--scheduler 'here'", "tcp://"), {"in/a.csv": GOOD}),
     "scheduler silent": ("@/in --scheduler 127.0.0.1:1", ("127.0.0.1:1", "refused"), {"in/a.csv": GOOD}),

@@ -91,23 +91,16 @@ GOOD, SHORT = csv_text(made_up(duration_s=4.0)), csv_text(made_up(duration_s=1.0
 BAD = {
     "nothing to evaluate": ("@/a.csv", ("a.csv", "at least 3.3 s"), {"a.csv": SHORT}),
     "no file": ("", ("FILE",), {}),
-    "missing file": ("@/none.csv", ("none.csv", "No such file"), {}),
     "a folder": ("@", ("suffix",), {}),
-    "no force": ("@/a.csv", ("no force",), {"a.csv": "time_s,position_m\n0,0\n9,0\n"}),
     "one stem twice": ("@/a.csv @/b/a.csv", ("2 files", "'a'"), {"a.csv": GOOD, "b/a.csv": GOOD}),
     "delay negative": ("@/a.csv --delay -1", ("--delay",), {"a.csv": GOOD}),
-    "delay no number": ("@/a.csv --delay soon", ("--delay",), {"a.csv": GOOD}),
     "unit": ("@/a.csv --force V:load", ("force = 'V:load'",), {"a.csv": GOOD}),
-    "model missing": ("@/a.csv --model @/m.yaml", ("m.yaml", "No such file"), {"a.csv": GOOD}),
     "model that learns nothing": (
         "@/a.csv --model @/m.yaml",
         ("m.yaml", "no linear parameter"),
         {"a.csv": GOOD, "m.yaml": MODEL.replace("mass_damper_spring", "contact_loss")},
     ),
     "out is a file": ("@/a.csv", ("out", "is a file"), {"a.csv": GOOD, "out": "precious"}),
-    "earlier results": (
-        "@/a.csv", ("out", "earlier evaluation", "--overwrite"), {"a.csv": GOOD, "out/evaluation.json": "{}"}
-    ),
 }  # fmt: skip
 
 

@@ -23,7 +23,6 @@ from tests.unit.slave_cell import Book, Cell
 
 Run = Callable[[Sequence[str]], int]
 STOPPED, IDLE = SafetyState.ESTOPPED, SafetyState.IDLE
-SLAVE = "role: slave\nstate: {directory: st}\ntransport: {listen: ['tcp/127.0.0.1:7447']}\n"
 
 
 async def act(request: Request) -> Answer:
@@ -233,28 +232,8 @@ def test_answer_waits_for_the_disk(
     assert cell.states() == ([IDLE, IDLE] if request_ is CLEAR else [STOPPED, STOPPED])
 
 
-# --- the commands, with nobody there ---
-
-
-@pytest.fixture
-def slave(folder: Path) -> Path:
-    (folder / "slave.yaml").write_text(SLAVE)
-    (folder / "master.yaml").write_text("role: master\n")
+@pytest.mark.parametrize(("role", "code"), [("slave", 1), ("master", 2)])
+def test_clear_without_daemon_fails(folder: Path, run: Run, role: str, code: int) -> None:
     (folder / "st").mkdir()
-    return folder
-
-
-@pytest.mark.parametrize(
-    ("line", "code"),
-    [
-        ("clear --config slave.yaml", 1),
-        ("clear --config master.yaml", 2),
-        ("estop", 2),
-        ("estop --cell c", 2),
-        ("estop --connect tcp/127.0.0.1:1", 2),
-        ("estop --config slave.yaml --cell c", 2),
-    ],
-)
-def test_command_without_daemon_fails(slave: Path, run: Run, line: str, code: int) -> None:
-    del slave
-    assert run(line.split()) == code
+    (folder / "f.yaml").write_text(f"role: {role}\nstate: {{directory: st}}\n")
+    assert run(["clear", "--config", "f.yaml"]) == code

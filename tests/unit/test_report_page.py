@@ -44,13 +44,6 @@ def test_the_page_stands_alone_and_every_figure_is_drawn_once(page: str) -> None
         assert page.count(f"<h3>{title}</h3>") == 1
 
 
-def test_the_page_says_what_counts(page: str) -> None:
-    for text in ("51 ms ahead, the force was predicted with 578 mN of error in place of 1.16 N.",
-                 "armed 80 % of the session", "m and k only as k - 0.99 m", "10000 refused (10000 too old)",
-                 "on purpose 3 delayed, 1 dropped, 1 duplicated", "not a medical device."):  # fmt: skip
-        assert text in page
-
-
 def test_an_empty_run_has_a_page(tmp_path: Path) -> None:
     with RunWriter(tmp_path / "run.mcap"):
         pass
