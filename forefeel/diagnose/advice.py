@@ -20,7 +20,8 @@ _NEAR_NOISE = 1.5  # ratio of an error to the noise
 def next_steps(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]:
     motion, verdict = diagnosis.suggested_motion, diagnosis.verdict
     if verdict == "cause_found":
-        return [*_on_the_bench(diagnosis), *_with_the_model(across)]
+        remedies = [found for cause in diagnosis.causes if (found := remedy(cause.name))]
+        return [*(f"on the bench: {found}" for found in remedies[:1]), *_with_the_model(across)]
     if verdict == "nothing_missing":
         return ["nothing to mend; model.yaml holds this simulation for forefeel simulate and loopback"]
     if verdict == "not_driven_by_this_axis":
@@ -35,12 +36,6 @@ def next_steps(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]
     if verdict == "unexplained":
         after = "and look at the bench where and when the report shows that most is left"
     return [f"record {motion}", after]
-
-
-def _on_the_bench(diagnosis: Diagnosis) -> list[str]:
-    """Against the largest cause that a bench can do something about."""
-    known = [remedy(cause.name) for cause in diagnosis.causes if remedy(cause.name)]
-    return [f"on the bench: {known[0]}"] if known else []
 
 
 def _with_the_model(across: "Across | str | None") -> list[str]:

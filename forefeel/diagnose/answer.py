@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 from forefeel.common.causes.catalogue import equation as cause_equation
 from forefeel.common.causes.catalogue import words
+from forefeel.common.events.console import printable
 from forefeel.common.events.text import quantity
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnose.advice import next_steps, why_no_better
@@ -53,10 +54,6 @@ def failure(error: Exception) -> str:
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
-def caution(flag: str) -> str:
-    return FLAGS.get(flag, flag.replace("_", " "))
-
-
 def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict != "cause_found":
         known = "" if diagnosis.noise_floor_n is None else " down to its noise"
@@ -83,7 +80,7 @@ def answer(
 ) -> list[str]:
     """A few lines for the terminal, the last one says what this is not; see `said`."""
     return [
-        f"{_printable(recording.name)}: {len(recording)} samples, {recording.duration_s:.1f} s, "
+        f"{printable(recording.name)}: {len(recording)} samples, {recording.duration_s:.1f} s, "
         f"{recording.rate_hz:.4g} Hz",
         f"Verdict     {diagnosis.verdict}. {_LEFT_OUT if diagnosis.causes else headline(diagnosis)}",
         *(f"{label:<12}{text}" for label, text in said(diagnosis, across, given)),
@@ -108,7 +105,8 @@ def said(
         ("Elsewhere", _elsewhere(diagnosis.other_motion)),
         ("Predicted", _predicted(diagnosis, across) if found else []),
         ("Model", _model(diagnosis)),
-        *(("Caution", [text]) for text in (*_unknown(diagnosis), *map(caution, diagnosis.flags))),
+        *(("Caution", [text]) for text in _unknown(diagnosis)),
+        *(("Caution", [FLAGS.get(flag, flag.replace("_", " "))]) for flag in diagnosis.flags),
         ("Next", next_steps(diagnosis, across)),
     ]
     return [("" if i else label, text) for label, texts in parts for i, text in enumerate(texts)]
@@ -232,7 +230,3 @@ def _predicted(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]
         f"{quantity(across.after_n, 'N')} extended, {quantity(across.zoh_n, 'N')} by a zero-order hold",
         *why_no_better(diagnosis, across),
     ]
-
-
-def _printable(text: str) -> str:
-    return "".join(c if c.isprintable() else "?" for c in text)

@@ -13,7 +13,7 @@ from forefeel.common import topics
 from forefeel.common.bus import Bus, Publisher
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.codec import decode
-from forefeel.common.errors import CodecError, ConfigurationError
+from forefeel.common.errors import CodecError
 from forefeel.common.messages import EmergencyStop, SafetyState, SlaveState
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.topics import SLAVE_STATE, checked_segment, parse_key
@@ -137,13 +137,10 @@ def caller_of(config: Path, insecure: bool) -> Caller:
     Raises:
         ConfigurationError: it is of nobody who may stop a cell, or wrong.
     """
-    settings = load_any(config)
-    if isinstance(settings, ObserverSettings):
-        if settings.role != "viewer":
-            raise ConfigurationError(f"{config}: role = {settings.role!r}: a recorder may not stop a cell")
-        return Caller(settings.transport, "viewer", settings.cell, insecure)
+    settings = load_any(config, "slave", "master", "viewer")
     if not isinstance(settings, DaemonSettings):
-        raise ConfigurationError(f"{config}: expected the file of a slave, a master or a viewer")
+        assert isinstance(settings, ObserverSettings)
+        return Caller(settings.transport, "viewer", settings.cell, insecure)
     own = settings.model_dump(include={"role": True, "axes": {"__all__": {"name"}}})
     axes = tuple(axis["name"] for axis in own["axes"])
     return Caller(_towards(settings), own["role"], settings.cell, insecure, axes)

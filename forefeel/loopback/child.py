@@ -1,6 +1,5 @@
 """A process that a loopback run starts; its output goes to a log file beside the recording."""
 
-import signal
 import socket
 import subprocess
 import sys
@@ -61,15 +60,11 @@ class Child:
     def running(self) -> bool:
         return self._process is not None and self._process.poll() is None
 
-    def ask_to_end(self) -> None:
-        if self._process is not None and self.running:
-            self._process.send_signal(signal.SIGTERM)
-
     def end(self) -> None:
         """Sends SIGTERM, and SIGKILL when the process has not ended in time."""
         if self._process is None:
             return
-        self.ask_to_end()
+        self._process.terminate()  # one that has ended does not hear it
         try:
             self._process.wait(self._end_s)
         except subprocess.TimeoutExpired:

@@ -47,7 +47,7 @@ _SILENT_S = 1.0
 MOST_EVENTS = 100
 M = TypeVar("M", bound=Message)
 _IMPAIRMENTS = (("master", MASTER_IMPAIRMENT), ("slave", SLAVE_IMPAIRMENT))
-_TIMINGS = {"master": MASTER_TIMING, "slave": SLAVE_TIMING}
+_OF_EVENT = {"before", "event", "after", "reason"}
 _HEADER = {"protocol", "session_id", "sequence", "stamp_ns"}
 """Of every message."""
 
@@ -71,7 +71,7 @@ def summarise(run: Run) -> RunReport:
         "truncated": run.truncated,
         "seed": of_run.get("seed"),
         "impairment": of_run.get("impairment"),
-        "loop": Loops(**{role: _loop(_last_timing(run, role)) for role in _TIMINGS}),
+        "loop": Loops(master=_loop(run, MASTER_TIMING), slave=_loop(run, SLAVE_TIMING)),
         "counters": first.counters | impairment_counters(run) | recorder_counters(run),
         "metadata": metadata,
         "axes": axes,
@@ -79,15 +79,11 @@ def summarise(run: Run) -> RunReport:
     return RunReport(**fields)
 
 
-def _last_timing(run: Run, role: str) -> LoopTiming | None:
-    topic = _TIMINGS[role]
-    return next((timing for axis in run.axes if (timing := last(run.messages(axis, topic)))), None)
-
-
-def _loop(timing: LoopTiming | None) -> LoopFigures:
-    if timing is None:
-        return LoopFigures()
-    return LoopFigures(**{name: getattr(timing, name) for name in LoopFigures.model_fields})
+def _loop(run: Run, topic: Topic[LoopTiming]) -> LoopFigures:
+    """What a loop said last of its lateness, on whichever axis."""
+    said = (last(run.messages(axis, topic)) for axis in run.axes)
+    timing = next(filter(None, said), None)
+    return LoopFigures() if timing is None else LoopFigures.model_validate(timing, from_attributes=True)
 
 
 def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
@@ -192,7 +188,7 @@ def _model(run: Run, axis: str) -> dict[str, Any]:
             for name, value, deviation in rows
         ),
         "identifiable": message.identifiable,
-        "model": ModelFigures(**{name: getattr(message, name) for name in ModelFigures.model_fields}),
+        "model": ModelFigures.model_validate(message, from_attributes=True),
     }
 
 
@@ -200,13 +196,7 @@ def _safety_events(run: Run, axis: str, start_ns: int) -> tuple[SafetyNote, ...]
     """The first MOST_EVENTS; the counters count all."""
     stamps = sent_ns(run, axis, SAFETY_EVENT)[:MOST_EVENTS].tolist()
     return tuple(
-        SafetyNote(
-            time_s=(stamp_ns - start_ns) * 1e-9,
-            before=event.before,
-            event=event.event,
-            after=event.after,
-            reason=event.reason,
-        )
+        SafetyNote(time_s=(stamp_ns - start_ns) * 1e-9, **event.model_dump(include=_OF_EVENT))
         for stamp_ns, event in zip(stamps, run.messages(axis, SAFETY_EVENT), strict=False)
     )
 
