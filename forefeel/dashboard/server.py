@@ -6,10 +6,10 @@ import os
 import socket
 import time
 import webbrowser
-from collections.abc import AsyncIterator, Sequence
-from contextlib import asynccontextmanager, closing, nullcontext, suppress
+from collections.abc import Coroutine, Sequence
+from contextlib import closing, nullcontext, suppress
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 import uvicorn
 from starlette.applications import Starlette
@@ -92,8 +92,8 @@ def run_dashboard(
                 say(transport.notice)
             routes = [Route("/stop", button.press, methods=["POST"])]
             story = Story(live, Chapter(vessel=vessel))
-            page = Page(listening, story, f"cell {settings.cell}", failed, address, routes)
-            page.serve(opens, told)
+            ends = _follow(story, told) if told else _failure(failed)
+            _serve(listening, address, story, f"cell {settings.cell}", opens, ends, routes)
 
 
 def run_view(file: Path, address: str, port: int, opens: bool, vessel: VesselSettings | None) -> None:
@@ -108,8 +108,7 @@ def run_view(file: Path, address: str, port: int, opens: bool, vessel: VesselSet
     story = Story(None, Chapter(recording=file, pages=pages, vessel=vessel))
     _step_back()
     with heeded(_exit), listening_at(address, port) as listening:
-        page = Page(listening, story, str(file), [], address)
-        page.serve(opens)
+        _serve(listening, address, story, str(file), opens, _failure(()))
 
 
 def _exit() -> None:
@@ -160,81 +159,64 @@ class _Files(StaticFiles):
         return answer
 
 
-class Page:
-    """The page and what it ends with.
+def _serve(
+    listening: socket.socket,
+    address: str,
+    story: Story,
+    what: str,
+    opens: bool,
+    ends: Coroutine[Any, Any, None],
+    more: Sequence[BaseRoute] = (),
+) -> None:
+    """Serves the page until `ends` does. `address`: as it was asked for, maybe a name; `what`: in words.
 
-    Args:
-        what: it shows, in words.
-        failed: what has failed; the page does not go on without it.
-        address: where it was asked to listen, maybe a name.
-        more: what else is served.
+    Raises:
+        RunError: `ends`, or what the page is made of, failed.
     """
+    routes = [
+        *more,
+        WebSocketRoute(CONVERSATION, story.converse),
+        Route(RESULTS, story.result),
+        Mount("/", _Files(directory=_STATIC, html=True)),
+    ]
+    app = Starlette(routes=routes)
+    link = guard(app, listening, address)
+    tell = ask if link.secret else say  # without the link nobody could see the page
+    tell(f"dashboard of {what} at {link.url}; Ctrl-C ends")
+    if opens:
+        webbrowser.open(link.url)
+    config = uvicorn.Config(app, log_level=logging.ERROR, ws_max_size=65536, timeout_graceful_shutdown=1)
+    try:
+        asyncio.run(_until(_Server(config), listening, ends))
+    except Exception as error:
+        raise RunError(f"dashboard of {what}: {type(error).__name__}: {error}") from error
 
-    def __init__(
-        self,
-        listening: socket.socket,
-        story: Story,
-        what: str,
-        failed: list[Exception],
-        address: str = "127.0.0.1",
-        more: Sequence[BaseRoute] = (),
-    ) -> None:
-        self._listening, self._what, self._failed, self._story = listening, what, failed, story
-        routes = [
-            *more,
-            WebSocketRoute(CONVERSATION, story.converse),
-            Route(RESULTS, story.result),
-            Mount("/", _Files(directory=_STATIC, html=True)),
-        ]
-        app = Starlette(routes=routes, lifespan=self._lifespan)
-        self._link = guard(app, listening, address)
-        self._server = _Server(
-            uvicorn.Config(app, log_level=logging.ERROR, ws_max_size=65536, timeout_graceful_shutdown=1)
-        )
 
-    def serve(self, opens: bool, told: TextIO | None = None) -> None:
-        """`told`: its lines are chapters; the page ends some time after the last.
+async def _until(server: _Server, listening: socket.socket, ends: Coroutine[Any, Any, None]) -> None:
+    serving, ending = asyncio.create_task(server.serve([listening])), asyncio.create_task(ends)
+    await asyncio.wait((serving, ending), return_when=asyncio.FIRST_COMPLETED)
+    server.should_exit = True
+    await serving
+    if ending.done():
+        ending.result()
 
-        Raises:
-            RunError: the network failed, or what the page is made of.
-        """
-        self._told = told
-        tell = ask if self._link.secret else say  # without the link nobody could see the page
-        tell(f"dashboard of {self._what} at {self._link.url}; Ctrl-C ends")
-        if opens:
-            webbrowser.open(self._link.url)
-        self._server.run(sockets=[self._listening])
-        if self._failed:
-            error = self._failed[0]
-            raise RunError(f"dashboard of {self._what}: {type(error).__name__}: {error}") from error
 
-    async def _follow(self, lines: TextIO) -> None:
-        """Tells chapter after chapter; after the last until nobody looks, or without end if it stays."""
-        reader = asyncio.StreamReader()
-        loop = asyncio.get_running_loop()
-        await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), lines)
-        while line := await reader.readline():
-            self._story.tell(Chapter.model_validate_json(line))
-        seen_s = time.monotonic()
-        while self._story.chapter.stays or time.monotonic() - seen_s < _LINGER_S:
-            await asyncio.sleep(_POLL_S)
-            if self._story.open:
-                seen_s = time.monotonic()
+async def _failure(failed: Sequence[Exception]) -> None:
+    """Raises the first as soon as there is one."""
+    while not failed:  # noqa: ASYNC110 - a list
+        await asyncio.sleep(_POLL_S)
+    raise failed[0]
 
-    @asynccontextmanager
-    async def _lifespan(self, _app: Starlette) -> AsyncIterator[None]:
-        task = asyncio.create_task(self._watched())
-        yield
-        task.cancel()
-        await asyncio.gather(task, return_exceptions=True)
 
-    async def _watched(self) -> None:
-        try:
-            if self._told is not None:
-                await self._follow(self._told)
-            while self._told is None and not self._failed:  # noqa: ASYNC110 - a list
-                await asyncio.sleep(_POLL_S)
-        except Exception as error:  # noqa: BLE001 - said when the page has ended
-            self._failed.append(error)
-        finally:
-            self._server.should_exit = True
+async def _follow(story: Story, lines: TextIO) -> None:
+    """Tells chapter after chapter; after the last until nobody looks, or without end if it stays."""
+    reader = asyncio.StreamReader()
+    loop = asyncio.get_running_loop()
+    await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), lines)
+    while line := await reader.readline():
+        story.tell(Chapter.model_validate_json(line))
+    seen_s = time.monotonic()
+    while story.chapter.stays or time.monotonic() - seen_s < _LINGER_S:
+        await asyncio.sleep(_POLL_S)
+        if story.open:
+            seen_s = time.monotonic()
