@@ -17,7 +17,7 @@ from forefeel.diagnosis.verdict import Cause, Diagnosis
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
 from forefeel.loopback.plan import LoopbackOptions
-from forefeel.loopback.run import RECORDING, REPORT, How, judge, recorded_run
+from forefeel.loopback.run import RECORDING, REPORT, judge, recorded_run
 from forefeel.loopback.viewer import DashboardProcess
 from forefeel.report.model import RunReport
 from forefeel.report.transparency import Transparency
@@ -52,7 +52,6 @@ def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float =
         options = LoopbackOptions(
             seed, "paper", duration_s=duration_s, slave_model=vessel, hide=hidden, prior_dir=prior
         )
-        how = How(overwrite=True)
         pages: dict[str, Path] = {}
 
         def tell(head: str, recording: Path | None = None) -> None:
@@ -60,7 +59,7 @@ def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float =
             viewer.tell(Chapter(head=head, recording=recording, pages=pages))
 
         tell(f"1 of 3: {duration_s:g} s in a vessel that nothing is known of, 300 ms away")
-        first = recorded_run(options, first_out, how, viewer)
+        first = recorded_run(options, first_out, viewer, overwrite=True)
         judge(first)
         pages["first run"] = first_out / REPORT
         tell("2 of 3: what did the contact model lack? The diagnosis looks for it", first_out / RECORDING)
@@ -70,7 +69,7 @@ def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float =
         knowing = replace(options, seed=seed + 1)
         if _named(found):
             knowing = replace(knowing, master_model=diagnosis_out / MODEL, prior_dir=None)
-        second = recorded_run(knowing, out, how, viewer)
+        second = recorded_run(knowing, out, viewer, overwrite=True)
         judge(second)
     again = f"{viewer.url} shows both runs again, report and diagnosis, until {viewer.until}"
     lines = _lines(first, found, second, out, again if viewer.url else "none")

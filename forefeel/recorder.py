@@ -93,11 +93,6 @@ class Recorder:
         """What was heard and does not stand in the file, by reason."""
         return {"lost": self._queue.dropped, "malformed": self._writer.malformed}
 
-    @property
-    def summary(self) -> str:
-        missed = [f"{count} {reason}" for reason, count in self.missed.items() if count]
-        return ", ".join([f"{self.written} messages", *missed])
-
     def close(self) -> None:
         """Writes what has arrived, closes the file, leaves the network; idempotent.
 
@@ -180,7 +175,8 @@ def run_record(
             _wait(recorder, settings, duration_s, stop)
     if not recorder.written:
         raise RunError(f"{out}: nothing was recorded, nobody of cell {cell} was heard at {where}")
-    say(f"{out}: closed, {recorder.summary}")
+    counts = {"messages": recorder.written, **recorder.missed}
+    say(f"{out}: closed, {', '.join(f'{n} {what}' for what, n in counts.items() if n)}")
 
 
 def _wait(recorder: Recorder, settings: "ObserverSettings", duration_s: float | None, stop: Stop) -> None:

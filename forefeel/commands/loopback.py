@@ -102,7 +102,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     quiet: Quiet = False,
 ) -> None:
     from forefeel.loopback.plan import LoopbackOptions  # noqa: PLC0415
-    from forefeel.loopback.run import How, run_loopback  # noqa: PLC0415 - the help needs none of it
+    from forefeel.loopback.run import run_loopback  # noqa: PLC0415 - the help needs none of it
 
     columns = time_column, position_column, force_column
     if any(columns) and recording is None:
@@ -125,4 +125,4 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         hardware=hardware,
     )
     with output(as_json, quiet):
-        run_loopback(options, out, How(overwrite, virtual_time, dashboard or opens, opens))
+        run_loopback(options, out, overwrite, virtual_time, dashboard or opens, opens)

@@ -47,7 +47,7 @@ class Feed:
     def _begins(self, view: AxisView) -> bool:
         """Whether nothing was sent of that: another axis, or a time that began anew."""
         of = view, view.timeline.epoch
-        if self._of is not None and self._of[0] is view and self._of[1] == of[1]:
+        if self._of == of:
             return False
         self._of = of
         self._ends, self._sent, self._due_ns = {}, {}, {}

@@ -2,7 +2,6 @@
 
 import shutil
 from contextlib import nullcontext
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -28,17 +27,9 @@ _OURS = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True)
-class How:
-    """How a run is done: what becomes of earlier results, in which time, and whether somebody looks on."""
-
-    overwrite: bool = False
-    virtual: bool = False
-    dashboard: bool = False
-    opens: bool = False
-
-
-def run_loopback(options: LoopbackOptions, out: Path | None, how: How) -> "RunReport":
+def run_loopback(
+    options: LoopbackOptions, out: Path | None, overwrite: bool, virtual: bool, dashboard: bool, opens: bool
+) -> None:
     """Plans, runs, reports, prints the ten lines.
 
     Raises:
@@ -46,11 +37,11 @@ def run_loopback(options: LoopbackOptions, out: Path | None, how: How) -> "RunRe
         RunError: the run failed, was interrupted, or was never armed.
     """
     folder = out or Path("out") / f"run-{datetime.now():%Y%m%d-%H%M%S}"
-    if how.virtual and how.dashboard:
+    if virtual and dashboard:
         raise ConfigurationError("--dashboard: shows what runs in real time; expected no --virtual-time")
-    viewer = DashboardProcess(folder, how.opens, say) if how.dashboard else None
+    viewer = DashboardProcess(folder, opens, say) if dashboard else None
     with viewer or nullcontext():
-        report = recorded_run(options, folder, how, viewer)
+        report = recorded_run(options, folder, viewer, overwrite, virtual)
         if viewer is not None and viewer.url:
             say(f"{viewer.url} shows the run again, until {viewer.until}")
         from forefeel.report.page import ten_lines  # noqa: PLC0415 - as in `recorded_run`
@@ -60,7 +51,6 @@ def run_loopback(options: LoopbackOptions, out: Path | None, how: How) -> "RunRe
         if viewer is not None:
             pages = {"report": (folder / REPORT).absolute()}
             viewer.stay(Chapter(head="The run has ended", recording=folder / RECORDING, pages=pages))
-    return report
 
 
 def judge(report: "RunReport") -> None:
@@ -77,15 +67,19 @@ def judge(report: "RunReport") -> None:
 
 
 def recorded_run(
-    options: LoopbackOptions, folder: Path, how: How, viewer: DashboardProcess | None
+    options: LoopbackOptions,
+    folder: Path,
+    viewer: DashboardProcess | None,
+    overwrite: bool,
+    virtual: bool = False,
 ) -> "RunReport":
     """The same without a word but what is going on. What only the end needs is imported there."""
     with ends_in_order("loopback", folder) as written:
-        check_hardware(options.hardware, options.recording is not None, how.virtual)
+        check_hardware(options.hardware, options.recording is not None, virtual)
         plan = make_plan(options)
         plan.slave_settings()
         plan.master_settings()
-        fresh_folder(folder, _OURS, "an earlier run", how.overwrite)
+        fresh_folder(folder, _OURS, "an earlier run", overwrite)
         if options.prior_dir is not None:
             _make_prior_dir(options.prior_dir)
         for path in (folder / name for name in _OURS):
@@ -95,7 +89,7 @@ def recorded_run(
         if viewer is not None:
             viewer.start()
             viewer.tell(viewer.chapter.model_copy(update={"vessel": plan.vessel()}))
-        _run(plan, options, folder, how.virtual, written, viewer)
+        _run(plan, options, folder, virtual, written, viewer)
         from forefeel.report.page import write_report  # noqa: PLC0415 - as above
 
         return write_report(folder / RECORDING, folder)

@@ -77,7 +77,7 @@ def write_report(run_path: Path, out_dir: Path) -> RunReport:
     return report
 
 
-def run_report(recording: Path, out: Path, overwrite: bool) -> RunReport:
+def run_report(recording: Path, out: Path, overwrite: bool) -> None:
     """Reads the recording, writes report.json and report.html, prints the ten lines.
 
     Raises:
@@ -89,7 +89,6 @@ def run_report(recording: Path, out: Path, overwrite: bool) -> RunReport:
         fresh_folder(out, FILES, "an earlier report", overwrite)
         write_all(out, pages, written)
     answer(*ten_lines(report, out), document=report.to_json)
-    return report
 
 
 def make_pages(run: Run) -> tuple[RunReport, Mapping[str, str]]:

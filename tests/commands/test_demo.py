@@ -42,7 +42,7 @@ def test_demo_tells_what_was_hidden_and_ends_with_the_errors(
     )
     asked: list[LoopbackOptions] = []
 
-    def recorded_run(options: LoopbackOptions, *_: object) -> SimpleNamespace:
+    def recorded_run(options: LoopbackOptions, *_: object, **__: object) -> SimpleNamespace:
         asked.append(options)
         return next(runs)
 
