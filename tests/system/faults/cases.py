@@ -604,7 +604,7 @@ def _of_network(route: Route) -> Iterable[Fault]:
 def _of_connections(route: Route) -> Iterable[Fault]:
     yield Fault(
         f"packets over {_SMALL_BYTES} bytes dropped, master restarted", _small_packets_at_start,
-        f"the master says that the slave {_NO_ANSWER}; an MTU of {_SMALL_BYTES} on its host",
+        f"an MTU of {_SMALL_BYTES} on its host",
         route, rest_s=route.by_watchdog_s, faded_s=r.FADED_S,
         events=(stopped("release"), says("master", "start")),
     )  # fmt: skip

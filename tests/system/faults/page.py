@@ -7,30 +7,29 @@ from pathlib import Path
 
 from tests.system.faults.scene import Row
 
-HEAD = ("fault", "required s", "to rest s", "from mm/s", "stale commands executed", "oldest ms",
-        "moved after rest um", "force faded s", "from N", "recovery", "armed again s", "recording", "events",
-        "")  # fmt: skip
+HEAD = ("fault", "to rest s", "armed again s", "recovery")
 MEASURED = "Measured by `make system`\n"
 
 
 def cells(row: Row) -> tuple[str, ...]:
     """In the order of HEAD."""
-    return (
-        row.name,
-        _number(row.asked_s, 3) or "goes on",
-        _number(row.rest_s, 3),
-        _number(row.speed_m_s * 1e3, 0),
-        _number(row.stale, 0),
-        _number(None if row.excess_s is None else row.excess_s * 1e3, 0),
-        _number(None if row.moved_again_m is None else row.moved_again_m * 1e6, 0),
-        _number(row.faded_s, 2),
-        _number(row.force_n, 2),
-        row.recovery,
-        _number(row.armed_s, 1),
-        row.recording,
-        row.logged,
-        "FAILED" if row.failures else "as required",
+    rest = "goes on" if row.asked_s is None else f"{_number(row.rest_s, 3)} of {row.asked_s:.3f}"
+    return row.name, rest, _number(row.armed_s, 1), "FAILED" if row.failures else row.recovery
+
+
+def figures(row: Row) -> str:
+    """All that was measured."""
+    found = (
+        (row.rest_s, 1.0, "s to rest"),
+        (row.speed_m_s, 1e3, "mm/s before"),
+        (row.stale, 1.0, "stale commands executed"),
+        (row.excess_s, 1e3, "ms oldest"),
+        (row.moved_again_m, 1e6, "um moved after rest"),
+        (row.faded_s, 1.0, "s force faded"),
+        (row.force_n, 1.0, "N before"),
     )
+    numbers = [f"{value * scale:.3g} {unit}" for value, scale, unit in found if value is not None]
+    return "; ".join(filter(None, [*numbers, row.recovery, row.recording, row.logged]))
 
 
 def written(
