@@ -107,10 +107,10 @@ async def slave(
             connection = process.answer_watch("a connection", lambda: unheard(settings.transport, False, ""))
 
             def look(now_ns: int) -> None:
-                if not settings.transport.connect or transport.peers():
+                if not settings.transport.connect or (transport.peers() and not transport.hint):
                     connection.over()
                 else:
-                    connection.look(now_ns)
+                    connection.look(now_ns, transport.hint)
 
             requests = SlaveRequests(daemon, process.event_sink, runtime.clock)
             async with runtime, process.socket.serving(requests):

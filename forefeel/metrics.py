@@ -50,6 +50,7 @@ from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.interrupt import heeded
 from forefeel.network_settings import ObserverSettings
+from forefeel.reachability import cell_watch
 from forefeel.terminal import say
 
 _POLL_S = 0.2
@@ -88,7 +89,7 @@ class CellMetrics(Collector):
     def __init__(self, clock: Clock) -> None:
         self.malformed = 0
         self._clock, self._lock = clock, threading.Lock()
-        self._axes: set[str] = set()
+        self.axes: set[str] = set()
         self._counts: Counter[tuple[str, str]] = Counter()
         self._newest: dict[tuple[str, str], tuple[Message, int]] = {}
         self._limits: Counter[tuple[str, str, str]] = Counter()
@@ -101,10 +102,10 @@ class CellMetrics(Collector):
             return
         _, axis, topic = parsed
         with self._lock:
-            if axis not in self._axes:
-                if len(self._axes) == _MOST_AXES:
+            if axis not in self.axes:
+                if len(self.axes) == _MOST_AXES:
                     return
-                self._axes.add(axis)
+                self.axes.add(axis)
             self._counts[axis, topic.name] += counted(payload)
             if topic.name not in _READ:
                 return
@@ -227,7 +228,9 @@ def run_metrics(
             if transport.notice:
                 say(transport.notice)
             say(f"metrics of cell {settings.cell} at http://{address}:{port}/metrics; Ctrl-C ends")
+            look = cell_watch(settings.transport, party, transport, clock)
             for _ in stop.polls(duration_s, _POLL_S):
+                look(bool(collector.axes))
                 if failed:
                     error = failed[0]
                     raise RunError(f"metrics: the network failed: {type(error).__name__}: {error}") from error

@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from forefeel.common.clock import now_utc
+from forefeel.common.clock import Clock, now_utc
 from forefeel.common.errors import EndpointError
 from forefeel.common.events.text import span
 from forefeel.common.runtime.real import HOST, Host
@@ -17,6 +17,8 @@ from forefeel.common.transport.endpoints import address, parts
 from forefeel.common.transport.pki import read_identity
 from forefeel.common.transport.security import Party, PartyFiles
 from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_bus import ZenohTransport
+from forefeel.terminal import say
 
 TIMEOUT_S = 2.0
 """Each step of a probe takes at most as long: an end that needs more counts as silent."""
@@ -25,12 +27,11 @@ _REFUSAL_S = 0.2
 round trip, and what it takes to check it."""
 _EVERY_NS = 5_000_000_000  # between two probes of what does not answer
 
-_COMPARE = "compare `forefeel pki show` and `date -u` on both hosts"
-_NAMES = "`forefeel pki init DIR --hosts ROLE=ADDRESS`; copy its certificate there, start that end anew"
+_COMPARE = "compare `forefeel pki show DIR` and `date -u` on both hosts"
+_NAMES = "`forefeel pki init DIR --hosts CELL/ROLE=ADDRESS,...`; copy its certificate there, restart that end"
 _REMEDIES = {
-    10: "`forefeel pki init DIR` renews it; copy it there, start that end anew",
-    62: _NAMES,
-    64: _NAMES,
+    10: "`forefeel pki init DIR` renews it; copy it there, restart that end",
+    **dict.fromkeys((62, 64), _NAMES),
 }
 """For a certificate that has expired, or names another host or address, by X509_V_ERR_*."""
 
@@ -151,7 +152,8 @@ def unheard(transport: TransportSettings, connected: bool, missing: str) -> str:
     if connected:
         return f"{where} is connected, but {missing}"
     if transport.connect:
-        return f"no Zenoh session with {where} opens"
+        advice = "" if transport.pki else ": certificates there need tls/ and transport.pki (--pki) here"
+        return f"no Zenoh session with {where} opens{advice}"
     return f"nobody has connected to {where}"
 
 
@@ -212,3 +214,27 @@ class AnswerWatch:
 
     def _waited(self, now_ns: int) -> str:
         return span(0.0 if self._since_ns is None else (now_ns - self._since_ns) * 1e-9)
+
+
+def cell_watch(
+    own: TransportSettings, party: Party, transport: ZenohTransport, clock: Clock
+) -> Callable[[bool], str]:
+    """Prints every 5 s why nobody of a cell is heard. Call the result often, with whether somebody is; it
+    gives the cause.
+    """
+
+    def nobody() -> str:
+        return unheard(own, transport.peers() > 0, f"nobody of cell {party.cells[0]} is heard there")
+
+    other = "router" if own.mode == "client" else "daemon"
+    watch = AnswerWatch(probe_of(own, party, other), nobody, lambda why: say(f"nobody heard yet: {why}"))
+
+    def look(heard: bool) -> str:
+        if heard:
+            watch.over()
+            return ""
+        known = transport.hint or (nobody() if transport.peers() and not own.listen else "")
+        watch.look(clock.now_ns(), known)
+        return known or watch.found
+
+    return look

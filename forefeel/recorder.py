@@ -40,7 +40,7 @@ class Recorder:
     Attributes:
         newest: newest payload of each key, for whoever shows progress.
         rounds: how often it has looked for what to write; stands when the disk does.
-        notice: what the user must be told loudly, or empty.
+        transport: the session; its `notice` is what the user must be told loudly, or empty.
     """
 
     def __init__(
@@ -64,25 +64,16 @@ class Recorder:
         opening = partial(
             ZenohTransport.open, transport, MonotonicClock(), self._fail, party, insecure=insecure
         )
-        self._transport = in_thread(opening, "zenoh open").result()  # which a signal need not wait for
-        self.notice = self._transport.notice
+        self.transport = in_thread(opening, "zenoh open").result()  # which a signal need not wait for
         try:
             self._writer = RunWriter(path)
         except BaseException:
-            self._transport.close()
+            self.transport.close()
             raise
         self._writer.add_metadata("run", run)
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
-        self._transport.subscribe_all(f"forefeel/{cell}", self._hear)
-
-    @property
-    def hint(self) -> str:
-        return self._transport.hint
-
-    @property
-    def connected(self) -> bool:
-        return self._transport.peers() > 0
+        self.transport.subscribe_all(f"forefeel/{cell}", self._hear)
 
     @property
     def written(self) -> int:
@@ -102,7 +93,7 @@ class Recorder:
         if self._closing.is_set():
             return
         self._closing.set()
-        self._transport.close()
+        self.transport.close()
         self._thread.join()
         if self._error is not None:
             raise RunError(f"recording failed: {self._error}") from self._error
@@ -169,37 +160,30 @@ def run_record(
     with ends_in_order("recording"), at_last(drop_empty):
         recorder = Recorder(out, cell, settings.transport, {"cell": cell}, party, insecure)
         with heeded() as stop, closing(recorder):
-            if recorder.notice:
-                say(recorder.notice)
+            if recorder.transport.notice:
+                say(recorder.transport.notice)
             say(f"recording cell {cell} to {out}; Ctrl-C ends")
-            _wait(recorder, settings, duration_s, stop)
+            _wait(recorder, settings, party, duration_s, stop)
     if not recorder.written:
         raise RunError(f"{out}: nothing was recorded, nobody of cell {cell} was heard at {where}")
     counts = {"messages": recorder.written, **recorder.missed}
     say(f"{out}: closed, {', '.join(f'{n} {what}' for what, n in counts.items() if n)}")
+    roles = {parsed[2].publisher for key in recorder.newest if (parsed := parse_key(key))}
+    for role in sorted({"slave", "master"} - roles):
+        say(f"{out}: the {role} was not heard: it does not run, or listens where nobody connects")
 
 
-def _wait(recorder: Recorder, settings: "ObserverSettings", duration_s: float | None, stop: Stop) -> None:
-    from forefeel.reachability import AnswerWatch, probe_of, unheard  # noqa: PLC0415 - a loopback needs none
+def _wait(
+    recorder: Recorder, settings: "ObserverSettings", party: Party, duration_s: float | None, stop: Stop
+) -> None:
+    from forefeel.reachability import cell_watch  # noqa: PLC0415 - a loopback needs none
 
-    transport, cell = settings.transport, settings.cell
-
-    def nobody() -> str:
-        return unheard(transport, recorder.connected, f"nobody of cell {cell} is heard there")
-
-    other = "router" if transport.mode == "client" else "daemon"
-    find = probe_of(transport, Party(settings.role, (cell,)), other)
-    waiting = AnswerWatch(find, nobody, lambda cause: say(f"nobody heard yet: {cause}"))
-    clock = MonotonicClock()
+    look = cell_watch(settings.transport, party, recorder.transport, MonotonicClock())
     attend = service_watchdog(
-        lambda: "recording" if recorder.newest else f"nobody heard yet: {waiting.found}",
+        lambda: "recording" if recorder.newest else f"nobody heard yet: {look(False)}",
         lambda: recorder.rounds,
     )
     for _ in stop.polls(duration_s, _POLL_S):
         recorder.check()
         attend()
-        if recorder.newest:
-            waiting.over()
-        else:
-            sure = recorder.connected and not transport.listen
-            waiting.look(clock.now_ns(), recorder.hint or (nobody() if sure else ""))
+        look(bool(recorder.newest))

@@ -8,6 +8,7 @@ from forefeel.common.errors import EndpointError
 _SECURED = ("tls", "quic")
 _OURS = frozenset({"iface", "bind", "dscp", "so_sndbuf", "so_rcvbuf"})
 """What may follow `#` in an endpoint; the rest of what Zenoh reads there can undo the configured security."""
+_FOLDER = "transport.pki (--pki), a copy of DIR/CELL/ROLE of `forefeel pki init DIR --cell CELL`"
 
 
 def check_exposure(
@@ -28,18 +29,20 @@ def check_exposure(
     _refuse_plain_beside_secured(listen, connect, secured)
     if secured:
         return ""
+    for endpoint in filter(_is_secured, (*listen, *connect)):
+        raise EndpointError(f"endpoint {endpoint!r}: needs certificates; expected {_FOLDER}")
     outside = [endpoint for endpoint in (*listen, *connect) if not on_loopback(endpoint)]
     if not outside:
         return ""
     if real_stage:
         raise EndpointError(
-            f"endpoint {outside[0]!r}: a real stage and no certificates; expected transport.pki "
-            "(forefeel pki init DIR --cell ...), or loopback endpoints only; --insecure does not help here"
+            f"endpoint {outside[0]!r}: a real stage and no certificates; expected tls/ and {_FOLDER}, "
+            "or loopback endpoints only; --insecure does not help here"
         )
     if not insecure:
         raise EndpointError(
-            f"endpoint {outside[0]!r}: outside this host without certificates; make them with "
-            "forefeel pki init DIR --cell ... and name DIR in transport.pki, or say --insecure"
+            f"endpoint {outside[0]!r}: outside this host without certificates; expected tls/ and {_FOLDER}, "
+            "or --insecure"
         )
     return (
         f"INSECURE: {', '.join(outside)}: not encrypted, not authenticated; "

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.types import PrivateKeyTypes
 
 AUTHORITY = "ca.crt"
-_MADE = "the folder of this role that forefeel pki init makes"
+_MADE = "a copy of DIR/CELL/ROLE of `forefeel pki init DIR`"
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +67,7 @@ def check_period(path: Path, certificate: "x509.Certificate", now: datetime) -> 
     """Raises ConfigurationError where the certificate is not valid now."""
     start, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
     if now > end:
-        raise _wrong(
-            path, f"expired on {end:%Y-%m-%d %H:%M} UTC", f"one that is valid: {renewal(path)}, then copy it"
-        )
+        raise _wrong(path, f"expired on {end:%Y-%m-%d %H:%M} UTC", renewal(path))
     if now < start:
         raise _wrong(
             path, f"valid from {start:%Y-%m-%d %H:%M} UTC only", "the clock of this host to be right"
@@ -77,10 +75,10 @@ def check_period(path: Path, certificate: "x509.Certificate", now: datetime) -> 
 
 
 def renewal(path: Path) -> str:
-    """What makes a certificate anew that has expired."""
+    """What replaces a certificate that has expired, or ends soon."""
     if path.name == AUTHORITY:
-        return "forefeel pki init makes a new authority"
-    return "forefeel pki init DIR where ca.key is kept"
+        return "a new authority: `forefeel pki init` with a new DIR, its folders copied to every host"
+    return "a new one: `forefeel pki init DIR` where ca.key is kept, then copy it"
 
 
 def _check_name(path: Path, certificate: "x509.Certificate", party: Party) -> None:

@@ -188,7 +188,8 @@ class ZenohTransport:
             return ""
         transports = self._session.info.transports()
         routed = any(each.whatami == zenoh.WhatAmI.ROUTER for each in transports)
-        return "a router answers there; expected transport.mode client" if routed else ""
+        hint = "a router answers there, and joins no two peers; expected mode: client (--through-router)"
+        return hint if routed else ""
 
     def refused(self) -> Mapping[str, int]:
         return +Counter(refused_wildcard=self._refused)

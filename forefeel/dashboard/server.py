@@ -6,7 +6,7 @@ import os
 import socket
 import time
 import webbrowser
-from collections.abc import Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from contextlib import closing, nullcontext, suppress
 from pathlib import Path
 from typing import Any, TextIO
@@ -35,6 +35,7 @@ from forefeel.dashboard.vessel import VesselSettings
 from forefeel.interrupt import heeded
 from forefeel.local.stop import EVERY_S, FOR_S, Stopper
 from forefeel.network_settings import ObserverSettings
+from forefeel.reachability import cell_watch
 from forefeel.terminal import ask, say
 
 _POLL_S = 0.2  # s between two looks for an end
@@ -92,7 +93,8 @@ def run_dashboard(
                 say(transport.notice)
             routes = [Route("/stop", button.press, methods=["POST"])]
             story = Story(live, Chapter(vessel=vessel))
-            ends = _follow(story, told) if told else _failure(failed)
+            watch = cell_watch(settings.transport, party, transport, clock)
+            ends = _follow(story, told) if told else _failure(failed, lambda: live.look(watch))
             _serve(listening, address, story, f"cell {settings.cell}", opens, ends, routes)
 
 
@@ -201,9 +203,10 @@ async def _until(server: _Server, listening: socket.socket, ends: Coroutine[Any,
         ending.result()
 
 
-async def _failure(failed: Sequence[Exception]) -> None:
-    """Raises the first as soon as there is one."""
-    while not failed:  # noqa: ASYNC110 - a list
+async def _failure(failed: Sequence[Exception], look: Callable[[], object] = lambda: None) -> None:
+    """Raises the first as soon as there is one; calls `look` meanwhile."""
+    while not failed:
+        look()
         await asyncio.sleep(_POLL_S)
     raise failed[0]
 

@@ -45,6 +45,7 @@ class LiveCell:
     def __init__(self, name: str, where: str, clock: Clock) -> None:
         self._name, self._where, self._clock = name, where, clock
         self._lock = threading.Lock()
+        self._cause = ""  # why nothing was heard yet
         self.begin()
 
     def begin(self) -> None:
@@ -55,6 +56,9 @@ class LiveCell:
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
         with self._lock:
             self._cell.hear(key, payload, receive_ns)
+
+    def look(self, watch: Callable[[bool], str]) -> None:
+        self._cause = watch(self._cell.heard_ns is not None)
 
     def facts(self) -> dict[str, Any]:
         return {"cell": self._name, "file": None}
@@ -79,7 +83,7 @@ class LiveCell:
             "word": f"Cell {self._name}: {'nothing heard yet' if heard_ns is None else 'silent'}",
             "for": span(quiet_s),
             "since_s": round(now_ns * 1e-9 - quiet_s, 1),
-            "where": self._where,
+            "where": f"{self._where}; {self._cause}" if self._cause else self._where,
         }
 
 

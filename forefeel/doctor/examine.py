@@ -13,7 +13,7 @@ from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.folder import state_path
 from forefeel.common.topics import Role
 from forefeel.common.transport.exposure import check_exposure
-from forefeel.common.transport.pki import read_certificate, read_identity
+from forefeel.common.transport.pki import read_certificate, read_identity, renewal
 from forefeel.common.transport.security import Party, PartyRole
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.daemon_settings import load_daemon
@@ -119,11 +119,11 @@ def check_certificates(role: Role, settings: DaemonSettings, host: HostProbe) ->
     try:
         left_days = (read_identity(folder, party, host.now()).expires - host.now()).days
     except ConfigurationError as error:
-        advice = "copy this host's folder of forefeel pki init here"
-        yield Finding(group, party.name, "red", str(error), advice)
+        found, _, advice = str(error).partition("; ")
+        yield Finding(group, party.name, "red", found, advice)
         return
     soon = left_days < _SOON_DAYS
-    advice = "forefeel pki init DIR on the host with ca.key renews it; copy it here" if soon else ""
+    advice = f"expected {renewal(folder / f'{role}.crt')}" if soon else ""
     found = f"valid, {left_days} days left"
     yield Finding(group, party.name, "amber" if soon else "green", found, advice)
     yield from _check_names(folder, role, party, transport.listen)
@@ -139,7 +139,7 @@ def _check_names(folder: Path, role: Role, party: Party, listen: Sequence[str]) 
     hosts = hosts_of(read_certificate(folder / f"{role}.crt"))
     missing = [name for name in outside if name not in _EVERYWHERE and name.strip("[]") not in hosts]
     named = ", ".join(hosts) or "none but this host's own"
-    advice = f"forefeel pki init DIR --hosts {role}=ADDRESS with the address that others use"
+    advice = f"forefeel pki init DIR --hosts {party.cells[0]}/{role}=ADDRESS, with all that others use"
     if missing or not hosts:
         lacks = f"; not {', '.join(missing)}" if missing else ": no other host accepts it"
         yield Finding("certificates", f"{party.name}, names", "red", f"{named}{lacks}", advice)

@@ -19,7 +19,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.serialization import load_pem_private_key
 
 from forefeel.common.errors import ConfigurationError, RunError
-from forefeel.common.transport.pki import AUTHORITY, check_period, read_certificate, read_identity
+from forefeel.common.transport.pki import AUTHORITY, check_period, read_certificate, read_identity, renewal
 from forefeel.common.transport.security import CELL_ROLES, ROLES, Party, PartyFiles, secured
 from forefeel.common.transport.zenoh_config import FIXED
 from forefeel.files import whole
@@ -61,7 +61,7 @@ def init_folder(
     if not (folder / AUTHORITY).exists() and (
         folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir())))
     ):
-        raise ConfigurationError(f"{folder}: is there already; expected a new folder, nothing is overwritten")
+        raise ConfigurationError(f"{folder}: is there already; expected a new folder, or one of pki init")
     try:
         authority = _authority(folder, now)
         done = {}
@@ -84,7 +84,7 @@ def _authority(folder: Path, now: datetime) -> Authority:
         _write(certificate, certificate_pem(made.certificate), _PUBLIC)
     authority = read_authority(folder)
     if now >= authority.certificate.not_valid_after_utc:
-        raise ConfigurationError(f"{certificate}: expired; expected a new authority in a new folder")
+        raise ConfigurationError(f"{certificate}: expired; expected {renewal(certificate)}")
     return authority
 
 
@@ -169,7 +169,7 @@ def _row(folder: Path, path: Path, party: Party | None, now: datetime) -> Certif
     left = certificate.not_valid_after_utc - now
     colour: Literal["green", "amber", "red"] = "green" if left >= RENEWED_WITHIN else "amber"
     if colour == "amber":
-        advice = "ends soon: forefeel pki init DIR renews it"
+        advice = f"{path}: ends soon; expected {renewal(path)}"
     try:
         check_period(path, certificate, now) if party is None else read_identity(path.parent, party, now)
     except ConfigurationError as error:

@@ -99,19 +99,3 @@ def test_server_that_says_nothing_is_silent(pki: Path) -> None:
     with deaf_address() as deaf:
         found = reach(f"tls/{deaf}", identity(pki, "master"), "slave", timeout_s=0.1)
     assert "no answer" in obstacle(found) and found.connect_s is None
-
-
-def test_an_end_without_certificates_breaks_the_handshake_off(pki: Path) -> None:
-    def hang_up() -> None:
-        accepted, _ = server.accept()
-        accepted.recv(4096)
-        accepted.sendall(b"HTTP/1.1 400 Bad Request")
-        accepted.close()
-
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        thread = threading.Thread(target=hang_up)
-        thread.start()
-        address = f"127.0.0.1:{server.getsockname()[1]}"
-        found = reach(f"tls/{address}", identity(pki, "master"), "slave")
-        thread.join()
-    assert "TLS" in obstacle(found)

@@ -40,6 +40,7 @@ class Bench:
     def __init__(self, folder: Path) -> None:
         self.host, self.network, self.folder = SteppedHost(), MemoryBus(), folder
         self.sessions: list[MemoryTransport] = []
+        self.hint = ""
         self.open: Callable[[], ParallelTransport] = self.connect
 
     def settings(self, role: str, **more: Any) -> Any:  # noqa: ANN401 - of either daemon
@@ -48,7 +49,7 @@ class Bench:
 
     def connect(self) -> ParallelTransport:
         session = self.network.session(self.host.clock)
-        vars(session).update(notice="", hint="")
+        vars(session).update(notice="", hint=self.hint)
         self.sessions.append(session)
         return cast(ParallelTransport, session)
 
@@ -160,6 +161,12 @@ def test_router_that_comes_later_is_connected_to(bench: Bench, capsys: pytest.Ca
     bench.open = third_time
     bench.host.run(bench.slave(**ROUTED))
     assert "waiting for a master" in capsys.readouterr().err
+
+
+def test_slave_at_a_router_is_told_the_mode(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
+    bench.hint = "a router answers there"
+    bench.host.run(bench.slave(6.0, **CONNECT))
+    assert "waiting for a connection: a router answers there" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

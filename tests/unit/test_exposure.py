@@ -29,6 +29,8 @@ def expected(
     protocols = {protocol for _, protocol in listen}
     if len(protocols) == 2 or (secured and "plain" in protocols | {protocol for _, protocol in connect}):
         return "refused"
+    if not secured and "tls" in protocols | {protocol for _, protocol in connect}:
+        return "refused"
     if secured or all(place == "inside" for place, _ in (*listen, *connect)):
         return "quiet"
     return "loud" if insecure and not real else "refused"

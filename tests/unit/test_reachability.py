@@ -2,12 +2,15 @@
 
 import socket
 from concurrent.futures import Future
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from forefeel.common.clock import VirtualClock
+from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
-from forefeel.reachability import AnswerWatch, Obstacle, Reached, reach, unheard
+from forefeel.reachability import AnswerWatch, Obstacle, Reached, cell_watch, reach, unheard
 from tests.stepped import SteppedHost
 from tests.unit.failing import refusing
 
@@ -41,12 +44,21 @@ def test_probe_of_other_protocol_is_not_tried(endpoint: str) -> None:
     ("transport", "connected", "words"),
     [
         ({"connect": ["tls/10.0.0.2:7447"]}, True, "is connected, but no slave"),
-        ({"connect": ["tls/10.0.0.2:7447"]}, False, "no Zenoh session"),
+        ({"connect": ["tcp/10.0.0.2:7447"]}, False, "opens: certificates there need tls/"),
         ({"listen": ["tls/0.0.0.0:7447"]}, False, "nobody has connected"),
     ],
 )
 def test_unheard_end_is_described(transport: dict[str, object], connected: bool, words: str) -> None:
     assert words in unheard(TransportSettings.model_validate(transport), connected, "no slave")
+
+
+def test_observer_at_a_router_is_told_the_mode() -> None:
+    transport: Any = SimpleNamespace(hint="a router answers there", peers=lambda: 1)
+    own = TransportSettings(connect=("tcp/127.0.0.1:9",))
+    look = cell_watch(own, Party("viewer", ("cell",)), transport, VirtualClock(0))
+    assert (look(False), look(True)) == ("a router answers there", "")
+    transport.hint = ""
+    assert "connected, but nobody of cell cell" in look(False)
 
 
 class Probing(SteppedHost):
