@@ -219,9 +219,7 @@ class AnswerWatch:
 def cell_watch(
     own: TransportSettings, party: Party, transport: ZenohTransport, clock: Clock
 ) -> Callable[[bool], str]:
-    """Prints every 5 s why nobody of a cell is heard. Call the result often, with whether somebody is; it
-    gives the cause.
-    """
+    """Prints every 5 s why nobody of a cell is heard; call the result often, with whether somebody is."""
 
     def nobody() -> str:
         return unheard(own, transport.peers() > 0, f"nobody of cell {party.cells[0]} is heard there")

@@ -175,11 +175,6 @@ def foreign_authority(pki: Path) -> None:
     (pki / "ca.crt").write_bytes(certificate_pem(Authority.new(NOW).certificate))
 
 
-def key_as_folder(pki: Path) -> None:
-    (pki / "slave.key").unlink()
-    (pki / "slave.key").mkdir()
-
-
 def other_role(pki: Path) -> None:
     for end in ("crt", "key"):
         shutil.copy(pki / f"viewer.{end}", pki / f"slave.{end}")
@@ -190,7 +185,6 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "certificate": (lambda p: (p / "slave.crt").unlink(), r"slave\.crt: No such file .*pki init"),
     "key": (lambda p: (p / "slave.key").unlink(), r"slave\.key: No such file .*pki init"),
     "authority": (lambda p: (p / "ca.crt").unlink(), r"ca\.crt: No such file .*pki init"),
-    "a folder as key": (key_as_folder, r"slave\.key: Is a directory"),
     "no PEM": (lambda p: (p / "slave.crt").write_bytes(b"\x00x"), r"slave\.crt: no certificate; .*PEM"),
     "an empty key": (lambda p: (p / "slave.key").write_bytes(b""), r"slave\.key: no private key; .*PEM"),
     "another key": (
