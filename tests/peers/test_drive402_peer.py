@@ -6,6 +6,7 @@ from collections.abc import Iterator
 import canopen
 import pytest
 from canopen.profiles.p402 import BaseNode402
+from canopen.sdo.client import SdoClient
 
 from forefeel.devices.canopen.emulator import object_dictionary
 from forefeel.devices.cia402.emulator import Drive402, HomingPhase, contents
@@ -22,6 +23,14 @@ from tests.emulators.threads import running
 from tests.waiting import wait_until
 
 SYNC_S = 0.02
+
+
+@pytest.fixture(autouse=True)
+def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The client gives up after 0.2 to 0.8 s, which a busy machine may take."""
+    for name in ("SWITCH_OP_MODE", "SWITCH_STATE_FINAL", "SWITCH_STATE_SINGLE", "CHECK_TPDO"):
+        monkeypatch.setattr(BaseNode402, f"TIMEOUT_{name}", 60.0)
+    monkeypatch.setattr(SdoClient, "RESPONSE_TIMEOUT", 60.0)
 
 
 @pytest.fixture
