@@ -49,13 +49,21 @@ class PeriodicForce(ForceEffect):
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
         """(sin p + r2 sin(2p + q2) + r3 sin(3p + q3),)."""
         p = self._omega * t + self._phase
-        second, third = sin(2.0 * p + self._phase2), sin(3.0 * p + self._phase3)
-        return (sin(p) + self._ratio2 * second + self._ratio3 * third,)
+        wave = sin(p)
+        if self._ratio2:
+            wave += self._ratio2 * sin(2.0 * p + self._phase2)
+        if self._ratio3:
+            wave += self._ratio3 * sin(3.0 * p + self._phase3)
+        return (wave,)
 
     def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         p = self._omega * t + self._phase
-        second, third = np.sin(2.0 * p + self._phase2), np.sin(3.0 * p + self._phase3)
-        return np.asarray(np.sin(p) + self._ratio2 * second + self._ratio3 * third)[:, None]
+        wave = np.sin(p)
+        if self._ratio2:
+            wave += self._ratio2 * np.sin(2.0 * p + self._phase2)
+        if self._ratio3:
+            wave += self._ratio3 * np.sin(3.0 * p + self._phase3)
+        return wave[:, None]
 
     def span(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         """Sine and cosine of each harmonic at phase 0, shape (n, 6)."""
