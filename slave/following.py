@@ -3,7 +3,7 @@ driver. Pure.
 """
 
 from collections import deque
-from math import exp, pi
+from math import copysign, exp, pi
 
 from forefeel.slave.plant.stage import EXTRAPOLATION_S
 from forefeel.slave.settings import SlaveAxisSettings
@@ -15,19 +15,22 @@ _REST_M, _REST_NS = 20e-6, 50_000_000
 """At rest: within 20 um for 50 ms, below 0.4 mm/s. A count of 1 um at 250 Hz flickers by 0.25 mm/s."""
 _TO_REST_NS = 500_000_000
 """From 1 m/s at `gate.stop_deceleration_m_s2`, 4 m/s^2, it takes half of that."""
+_STEP_S = 0.001
 _APART_NS = 5_000_000  # between two setpoints that are remembered: at 8 m/s^2 they miss an end by 0.025 mm
 
 
 class KnownServo:
     """Bandwidth known: `r'' = w^2 (s - r) + 2 w (s' - r')`, w = 2 pi bandwidth; s goes on with s' for 2 ms.
-    Exact from tick to tick: `e = r - s` is `(e0 + (e0' + w e0) t) exp(-w t)`. `blind_ns`:
-    after a longer pause of the control loop the drive has stopped by itself, and is where it reads.
+    `e = r - s` is `(e0 + (e0' + w e0) t) exp(-w t)` over 1 ms at most, in which |r''| stays within the limit
+    of the drive: the setpoint jumps after a pause of the control loop. `blind_ns`: after a longer pause the
+    drive has stopped by itself, and is where it reads.
     """
 
     carried_s, blind_ns = 0.0, 50_000_000
 
-    def __init__(self, bandwidth_hz: float) -> None:
+    def __init__(self, bandwidth_hz: float, acceleration_limit_m_s2: float) -> None:
         self._w = 2.0 * pi * bandwidth_hz
+        self._most_m_s2 = acceleration_limit_m_s2
         self.rest(0.0, 0)
 
     def rest(self, position_m: float, now_ns: int) -> None:
@@ -50,12 +53,21 @@ class KnownServo:
             self._go_on(0.0, elapsed_s - carried_s)
         return self._r, self._r
 
-    def _go_on(self, feed: float, dt: float) -> None:
+    def _go_on(self, feed: float, duration_s: float) -> None:
         w = self._w
-        e, d, decay = self._r - self._s, self._v - feed, exp(-w * dt)
-        c = d + w * e
-        self._s += feed * dt
-        self._r, self._v = self._s + (e + c * dt) * decay, feed + (d - w * c * dt) * decay
+        while duration_s > 0.0:
+            dt = min(duration_s, _STEP_S)
+            duration_s -= dt
+            e, before, decay = self._r - self._s, self._v, exp(-w * dt)
+            c = before - feed + w * e
+            self._s += feed * dt
+            v, change = feed + (before - feed - w * c * dt) * decay, self._most_m_s2 * dt
+            if abs(v - before) <= change:
+                self._r = self._s + (e + c * dt) * decay
+            else:
+                v = before + copysign(change, v - before)
+                self._r += 0.5 * (before + v) * dt
+            self._v = v
 
 
 class LateStage:
@@ -143,5 +155,6 @@ class FollowingWatch:
 
 def following_watch(settings: SlaveAxisSettings) -> FollowingWatch:
     if settings.stage.driver == "simulated":
-        return FollowingWatch(KnownServo(settings.simulation.stage.bandwidth_hz))
+        stage = settings.simulation.stage
+        return FollowingWatch(KnownServo(stage.bandwidth_hz, stage.acceleration_limit_m_s2))
     return FollowingWatch(LateStage(settings.stage.lag_s))

@@ -13,9 +13,9 @@ from forefeel.slave.plant.stage import PlantStage
 from forefeel.slave.stage import StageReading
 
 MS = 1_000_000
-HZ, LAG_S = 25.0, 0.1
+HZ, LIMIT_M_S2, LAG_S = 25.0, 20.0, 0.1
 Expected = Callable[[], KnownServo | LateStage]
-EXPECTED: list[Expected] = [lambda: KnownServo(HZ), lambda: LateStage(LAG_S)]
+EXPECTED: list[Expected] = [lambda: KnownServo(HZ, LIMIT_M_S2), lambda: LateStage(LAG_S)]
 Asked = Callable[[float], float]
 Liar = Callable[[int, float, float], float]
 """(ms, where it would be, where it was before) -> where it is, in m."""
@@ -41,7 +41,7 @@ class Bench:
         self._stage = PlantStage(settings, 1e-4)
         self.ms, self.x_m = 0, 0.0
         self.worst_m = self.expected_m = 0.0
-        self._servo = KnownServo(HZ)
+        self._servo = KnownServo(HZ, LIMIT_M_S2)
         self.limiter.place(0.0)
 
     def tick(self) -> str | None:
@@ -72,6 +72,22 @@ def test_healthy_stage_is_no_fault(expected: Expected, asked_m: Callable[[float]
     assert bench.worst_m < 0.3 * DEVIATION_M
 
 
+def test_healthy_stage_after_pauses_is_no_fault() -> None:
+    """The control loop misses 30 ms of every 100: the setpoint jumps by more than the drive can follow."""
+    watch, stage = FollowingWatch(KnownServo(HZ, LIMIT_M_S2)), PlantStage(preset("catheter").stage, 1e-4)
+    worst_m = 0.0
+    for ms in range(2000):
+        if ms % 100 < 70:
+            assert watch.read(StageReading(stage.position_m, 0.0), ms * MS) is None
+            worst_m = max(worst_m, watch.deviation_m)
+            x_m, v_m_s = reach_m(ms * 1e-3), (reach_m(ms * 1e-3 + 1e-4) - reach_m(ms * 1e-3)) * 1e4
+            stage.command(x_m, v_m_s, ms * 1e-3)
+            watch.command(x_m, v_m_s, ms * MS)
+        for step in range(1, 11):
+            stage.step(ms * 1e-3 + step * 1e-4)
+    assert worst_m < 0.3 * DEVIATION_M
+
+
 LIARS: dict[str, Liar] = {
     "half motion": lambda ms, x_m, _: x_m if ms < 300 else x_m - 0.5 * (x_m - reach_m(0.3)),
     "stuck": lambda ms, x_m, before_m: x_m if ms < 300 else before_m,
@@ -93,7 +109,7 @@ def test_lying_stage_is_a_fault_in_time(expected: Expected, late_ms: float, liar
 
 
 def test_rest_is_measured() -> None:
-    watch, x_m = FollowingWatch(KnownServo(HZ)), 0.0
+    watch, x_m = FollowingWatch(KnownServo(HZ, LIMIT_M_S2)), 0.0
     watch.hold()
     for ms in range(400):
         x_m += 30e-6 if ms < 100 else 0.0
@@ -112,7 +128,7 @@ def test_stage_that_does_not_come_to_rest_is_a_fault() -> None:
 
 
 def test_loop_that_stood_still_finds_the_stage_where_it_is() -> None:
-    watch = FollowingWatch(KnownServo(HZ))
+    watch = FollowingWatch(KnownServo(HZ, LIMIT_M_S2))
     watch.read(StageReading(0.0, 0.0), 0)
     watch.command(0.0, 0.2, 0)
     assert watch.read(StageReading(0.01, 0.0), 60 * MS) is None
