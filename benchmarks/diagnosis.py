@@ -21,8 +21,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import lfilter
 
 from forefeel.common.error_size import Floats
+from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Recording
-from forefeel.common.recording.tabular import load_recording
 
 RATE_HZ = 1000.0  # Hz, rate of the recordings: that of the service's streams
 LENGTHS_S = 10.0, 30.0, 120.0, 600.0, 3600.0  # s, lengths of the recordings: seconds to an hour

@@ -35,9 +35,9 @@ from benchmarks.prediction_ablation import VARIANTS
 from benchmarks.prediction_peers import PEERS
 from forefeel.common.errors import InputError, RecordingError
 from forefeel.common.events.text import quantity
+from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.recording import Recording
-from forefeel.common.recording.tabular import load_recording
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Prepared, prepare
 from forefeel.diagnosis.evaluation.methods import METHODS, Method, replay

@@ -4,7 +4,8 @@
 ForefeelError
 ├── InputError              the input was wrong: one line (where, value, expected), exit 2
 │   ├── ConfigurationError  a YAML file or one of its values
-│   ├── RecordingError      a CSV, Parquet or MCAP file
+│   ├── RecordingError      a file with a recording
+│   │   └── UnclearError    the user can say it in a word
 │   └── EndpointError       a Zenoh endpoint that is taken, malformed or never answers
 │       └── NoRouterError   no router answers there yet
 ├── RunError                the run failed, exit 1
@@ -13,6 +14,9 @@ ForefeelError
     └── DeviceSetupError    also an InputError: what the configuration names can not be used
 ```
 """
+
+import shlex
+from collections.abc import Mapping
 
 
 class ForefeelError(Exception):
@@ -29,6 +33,20 @@ class ConfigurationError(InputError):
 
 class RecordingError(InputError):
     """A recording can not be read, or can not be used as it is."""
+
+
+class UnclearError(RecordingError):
+    """Which column is what, or in which unit, is not sure.
+
+    Attributes:
+        doubt: what is not sure.
+        columns: what may be meant, by quantity, each as `unit:column`.
+    """
+
+    def __init__(self, doubt: str, columns: Mapping[str, str]) -> None:
+        options = " ".join(f"--{quantity} {shlex.quote(text)}" for quantity, text in columns.items())
+        super().__init__(f"{doubt}; if so, add: {options}")
+        self.doubt, self.columns = doubt, columns
 
 
 class EndpointError(InputError):

@@ -36,10 +36,12 @@ ExistingFile = Annotated[Path, AfterValidator(_existing)]
 
 
 class ColumnSettings(Settings):
-    """Which columns of a table hold what, each as `unit:column`, for example `mm:laser`."""
+    """Which columns of a table hold what, each as `unit:column`, for example `mm:laser`; by default those
+    that their names tell.
+    """
 
-    time: str = "s:time_s"
-    position: str = "m:position_m"
+    time: str | None = None
+    position: str | None = None
     force: str | None = None
 
     @model_validator(mode="after")

@@ -47,6 +47,26 @@ COMMANDS = {
     "pki show": "Show names, hosts and expiry; exit 1 where one is red.",
 }
 """In the order of the help, which is shown without importing any of them."""
+SECTIONS = {
+    "Start here": ("demo", "loopback --impairment paper", "diagnose run.csv"),
+    "Run": (
+        "slave --config slave.yaml", "master --config master.yaml",
+        "record --config recorder.yaml --out run.mcap",
+        "dashboard --connect tcp/10.0.0.2:7447", "metrics --connect tcp/10.0.0.2:7447",
+        "view run.mcap", "report run.mcap --out out",
+    ),
+    "Diagnose": ("evaluate run.csv", "simulate --model model.yaml --out run.csv", "prior list --dir priors"),
+    "Hardware": (
+        "devices", "device probe --config slave.yaml", "calibrate load-cell --config slave.yaml",
+        "emulate zaber_ascii",
+    ),
+    "Safety": (
+        "estop --config slave.yaml", "clear --config slave.yaml", "doctor --config slave.yaml",
+        "config check slave.yaml",
+    ),
+    "Network": ("pki init pki --hosts slave=10.0.0.2", "router --config router.yaml"),
+}  # fmt: skip
+"""The help: an example of each command."""
 GROUPS = {
     "config": "Settings.",
     "device": "The devices of a configuration.",
@@ -95,6 +115,15 @@ class _Group(TyperGroup):
         finally:
             self._in_help = False
 
+    def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
+        """An example a line, by what one wants to do."""
+        if self.commands.prefix:
+            super().format_commands(ctx, formatter)
+            return
+        for title, lines in SECTIONS.items():
+            with formatter.section(title):
+                formatter.write_dl([(line, _summary(line)) for line in lines])
+
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401
         """In the order of `COMMANDS`; typer's own would make each of them."""
         return list(self.commands)
@@ -105,6 +134,12 @@ class _Group(TyperGroup):
             return super().get_command(ctx, cmd_name)
         words = self.commands.prefix + cmd_name
         return TyperCommand(cmd_name, short_help=COMMANDS.get(words) or GROUPS[words])
+
+
+def _summary(line: str) -> str:
+    """Of the command that an example begins with."""
+    name = max((each for each in COMMANDS if line.startswith(each)), key=len)
+    return COMMANDS[name].partition(". ")[0].rstrip(".")
 
 
 @cache

@@ -10,9 +10,6 @@ from forefeel.common.causes.model import SCHEMA
 from forefeel.common.events.text import quantity
 from forefeel.common.yaml_file import dump_mapping
 from forefeel.dashboard.chapter import Chapter
-from forefeel.diagnose.examine import FILES, MODEL, PAGE, Task, examine
-from forefeel.diagnose.folder import EARLIER, save
-from forefeel.diagnose.run import draw, stages
 from forefeel.diagnosis.verdict import Cause, Diagnosis
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
@@ -22,6 +19,9 @@ from forefeel.loopback.viewer import DashboardProcess
 from forefeel.report.model import RunReport
 from forefeel.report.transparency import Transparency
 from forefeel.report.wording import DISCLAIMER, plain_value, share, shown, split_unit
+from forefeel.results.examine import FILES, MODEL, PAGE, Task, examine
+from forefeel.results.folder import EARLIER, save
+from forefeel.results.run import draw, stages
 from forefeel.terminal import say, show
 
 Effects = Mapping[str, Mapping[str, float]]

@@ -32,9 +32,9 @@ from forefeel.common.estimation.identifiability import analyse
 from forefeel.common.estimation.predictor import Predictor
 from forefeel.common.estimation.state_filter import StateFilter
 from forefeel.common.events.text import quantity
+from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.recording import Recording
-from forefeel.common.recording.tabular import load_recording
 from forefeel.common.topics import FORCE, HAPTICS
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
 from forefeel.diagnosis.evaluation.methods import PAPER_LAMBDA, PaperRls, replay

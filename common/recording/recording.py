@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import BinaryIO
@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from forefeel.common.errors import RecordingError
 from forefeel.common.estimation.state_filter import GAP_S
+from forefeel.common.recording.units import Quantity
 
 Array = NDArray[np.float64]
 
@@ -36,7 +37,8 @@ class Recording:
     """Position in m and force in N (None: not measured) at the stamps `time_s`.
 
     All are float64, shape (n,), n >= 2, finite and read-only. Time increases strictly, its origin is free.
-    `source` says where the samples come from.
+    `source` says where the samples come from, `columns` from which columns, each as `unit:column`, and
+    `notes` what was left out or changed.
 
     Raises:
         RecordingError: shapes that differ, fewer than 2 samples, a value that is not finite, time that
@@ -48,6 +50,8 @@ class Recording:
     position_m: Array
     force_n: Array | None
     source: str
+    columns: Mapping[Quantity, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         columns = {"time_s": self.time_s, "position_m": self.position_m}
@@ -59,6 +63,12 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    @property
+    def taken(self) -> str:
+        """In one line what was taken for what; empty where the file says it itself."""
+        columns = ", ".join(f"{quantity} {text}" for quantity, text in self.columns.items())
+        return "; ".join(filter(None, (columns, *self.notes)))
 
     @property
     def duration_s(self) -> float:

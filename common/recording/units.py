@@ -1,22 +1,50 @@
 """Units of imported columns, each with its factor to SI, and the text `unit:column` that names both."""
 
 from dataclasses import dataclass
-from math import isclose
-from typing import Literal
+from math import isclose, pi
+from typing import Literal, get_args
 
 from forefeel.common.errors import RecordingError
 
 Quantity = Literal["time", "position", "force"]
+QUANTITIES: tuple[Quantity, ...] = get_args(Quantity)
 
 TO_SI: dict[Quantity, dict[str, float]] = {
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-    "position": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "gf": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216152605},
-}
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "position": {
+        "m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "in": 0.0254, "rad": 1.0, "deg": pi / 180.0,
+    },
+    "force": {
+        "N": 1.0, "mN": 1e-3, "uN": 1e-6, "kN": 1e3, "gf": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216152605,
+        "Nm": 1.0, "mNm": 1e-3, "Ncm": 1e-2,
+    },
+}  # fmt: skip
+"""Of a rotation rad stand for m, and N m for N."""
+_OTHER_WORDS: dict[Quantity, dict[str, str]] = {
+    "time": {
+        "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millis": "ms",
+        "milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns", "minutes": "min",
+    },
+    "position": {
+        "meter": "m", "meters": "m", "metre": "m", "millimeter": "mm", "millimeters": "mm", "micron": "um",
+        "microns": "um", "inch": "in", "inches": "in", "radian": "rad", "radians": "rad", "degree": "deg",
+        "degrees": "deg", "°": "deg",
+    },
+    "force": {"newton": "N", "newtons": "N", "g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"},
+}  # fmt: skip
 
 
-def parse_column(quantity: Quantity, text: str) -> tuple[str, float]:
-    """The column's name and its factor to SI, from e.g. `mm:laser`; the name may itself hold colons.
+def unit_of(quantity: Quantity, text: str) -> str | None:
+    """The unit that a word stands for, such as `(sec)`, `µm`, `N·m`; None: no unit of the quantity."""
+    word = text.strip(" []()").replace("µ", "u").replace("μ", "u")
+    word = "".join(letter for letter in word if letter not in "·*-. ")
+    units = {unit.lower(): unit for unit in reversed(TO_SI[quantity])}
+    exact = word if word in TO_SI[quantity] else None
+    return exact or _OTHER_WORDS[quantity].get(word.lower()) or units.get(word.lower())
+
+
+def parse_column(quantity: Quantity, text: str) -> tuple[str, str]:
+    """The column's name and its unit, from e.g. `mm:laser`; the name may itself hold colons.
 
     Raises:
         RecordingError: no unit, no name, or a unit that the quantity does not have.
@@ -26,51 +54,36 @@ def parse_column(quantity: Quantity, text: str) -> tuple[str, float]:
         raise RecordingError(
             f"{quantity} = {text!r}: expected unit:column, e.g. {next(iter(TO_SI[quantity]))}:name"
         )
-    if unit not in TO_SI[quantity]:
+    if (known := unit_of(quantity, unit)) is None:
         raise RecordingError(
             f"{quantity} = {text!r}: unknown unit {unit!r}, expected {', '.join(TO_SI[quantity])}"
         )
-    return column, TO_SI[quantity][unit]
+    return column, known
 
 
-def rescaled(quantity: Quantity, text: str, factor: float) -> str | None:
-    """`text`, e.g. `m:laser`, in the unit that is `factor` times as large; None: there is none."""
-    column, to_si = parse_column(quantity, text)
-    for unit, other in TO_SI[quantity].items():
-        if isclose(other, factor * to_si):
-            return f"{unit}:{column}"
-    return None
+def rescaled(quantity: Quantity, unit: str, factor: float) -> str | None:
+    """The unit that is `factor` times as large; None: there is none."""
+    wanted = factor * TO_SI[quantity][unit]
+    return next((each for each, to_si in TO_SI[quantity].items() if isclose(to_si, wanted)), None)
 
 
 @dataclass(frozen=True, slots=True)
 class Mapping:
-    """Which columns hold time, position and force (None: none does), each as `unit:column`, e.g. `mm:laser`.
+    """Which columns hold time, position and force, each as `unit:column`, e.g. `mm:laser`; None: as their
+    names say.
 
     Raises:
         RecordingError: see `parse_column`.
     """
 
-    time: str = "s:time_s"
-    position: str = "m:position_m"
+    time: str | None = None
+    position: str | None = None
     force: str | None = None
 
     def __post_init__(self) -> None:
         self.columns()
 
-    def columns(self) -> list[tuple[str, float]]:
-        """(name, factor to SI) of time, position and, where mapped, force."""
-        columns = [parse_column("time", self.time), parse_column("position", self.position)]
-        return columns if self.force is None else [*columns, parse_column("force", self.force)]
-
-
-NamedColumns = tuple[str | None, str | None, str | None]
-"""Time, position, force on the command line, each as `unit:column`; None where the user named none."""
-
-
-def mapping_of(columns: NamedColumns, force: str | None = "N:force_n") -> Mapping | None:
-    """A mapping when the user named any column; the others have their canonical names. `force`: that of the
-    force; None: not read.
-    """
-    if columns == (None, None, None):
-        return None
-    return Mapping(columns[0] or "s:time_s", columns[1] or "m:position_m", columns[2] or force)
+    def columns(self) -> dict[Quantity, tuple[str, str]]:
+        """(column, unit) of what is given."""
+        given = zip(QUANTITIES, (self.time, self.position, self.force), strict=True)
+        return {quantity: parse_column(quantity, text) for quantity, text in given if text is not None}

@@ -55,11 +55,12 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
     quiet: Quiet = False,
 ) -> None:
     from forefeel.common.model_file import load_model  # noqa: PLC0415 - the help needs none of it
-    from forefeel.diagnose.examine import Task  # noqa: PLC0415
-    from forefeel.diagnose.run import run_diagnosis  # noqa: PLC0415
+    from forefeel.common.recording.units import Mapping  # noqa: PLC0415
+    from forefeel.results.examine import Task  # noqa: PLC0415
+    from forefeel.results.run import run_diagnosis  # noqa: PLC0415
 
-    columns = time_column, position_column, force_column
     with output(as_json, quiet):
+        columns = Mapping(time_column, position_column, force_column)
         given = load_model(model) if model else None
         task = Task(files[0], (), columns, axis, given, replay, page, as_is)
         run_diagnosis(files, out, task, together, jobs, scheduler, overwrite)

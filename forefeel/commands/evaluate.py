@@ -42,10 +42,11 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.diagnosis.evaluation.arrivals import DelayedLink  # noqa: PLC0415 - the help needs none of it
-    from forefeel.evaluate.run import run_evaluation  # noqa: PLC0415
+    from forefeel.common.recording.units import Mapping  # noqa: PLC0415 - the help needs none of it
+    from forefeel.diagnosis.evaluation.arrivals import DelayedLink  # noqa: PLC0415
+    from forefeel.evaluation.run import run_evaluation  # noqa: PLC0415
 
     link = DelayedLink(delay, jitter, loss, seed)
-    columns = time_column, position_column, force_column
     with output(as_json, quiet):
+        columns = Mapping(time_column, position_column, force_column)
         run_evaluation(files, link, model, columns, out, overwrite)

@@ -16,7 +16,7 @@ from forefeel.commands.options import (
     number,
 )
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.recording.units import mapping_of
+from forefeel.common.recording.units import Mapping
 from forefeel.common.transport.settings import PRESETS
 from forefeel.terminal import output
 
@@ -113,7 +113,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         preset=preset,
         duration_s=duration,
         recording=recording,
-        columns=mapping_of(columns, None),
+        columns=Mapping(*columns),
         slave_model=slave_model,
         master_model=master_model,
         prior_dir=prior_dir,

@@ -1,6 +1,6 @@
 """What a loopback run does: the settings of both ends, from a preset or from a measured recording."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -48,7 +48,7 @@ class LoopbackOptions:
     preset: str | None = None
     duration_s: float | None = None
     recording: Path | None = None
-    columns: Mapping | None = None
+    columns: Mapping = field(default_factory=Mapping)
     slave_model: Path | None = None
     master_model: Path | None = None
     hide: Path | None = None
@@ -135,7 +135,7 @@ def make_plan(options: LoopbackOptions) -> Plan:
     duration_s = expected_s = options.duration_s or DEFAULT_DURATION_S
     notes: tuple[str, ...] = ()
     if options.recording is not None:
-        from forefeel.common.recording.tabular import load_recording  # noqa: PLC0415 - most runs play none
+        from forefeel.common.recording.loading import load_recording  # noqa: PLC0415 - most runs play none
 
         recording = load_recording(options.recording, options.columns)
         if all(piece.stop - piece.start < 2 for piece in recording.segments()):
@@ -241,7 +241,7 @@ def _hide(options: LoopbackOptions, slave_axis: dict[str, Any]) -> None:
 
 def _source(options: LoopbackOptions) -> dict[str, Any]:
     source: dict[str, Any] = {"recording": str(Path(options.recording or "").resolve())}
-    if options.columns is not None:
+    if options.columns != Mapping():
         source["columns"] = asdict(options.columns)
     return source
 

@@ -10,9 +10,9 @@ from forefeel.common.causes.model import ContactModel, at_conversion
 from forefeel.common.causes.numerics import intervals_s
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.model_file import load_model
+from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Array
-from forefeel.common.recording.tabular import load_recording
-from forefeel.common.recording.units import mapping_of
+from forefeel.common.recording.units import Mapping
 from forefeel.files import check_new_file, whole
 from forefeel.interrupt import ends_in_order
 from forefeel.simulate.motion import FollowedRecording, Hand, MotionPiece, multisine, sine
@@ -26,16 +26,9 @@ def check_target(out: Path, overwrite: bool) -> None:
     """Refuses what can not be written, before anything is computed.
 
     Raises:
-        ConfigurationError: another suffix, a folder, a file that may not go, or Parquet without pyarrow.
+        ConfigurationError: another suffix, a folder, or a file that may not go.
     """
     check_new_file(out, SUFFIXES, ".csv or .parquet", overwrite)
-    if out.suffix.lower() == ".parquet":
-        try:
-            import pyarrow.parquet  # noqa: F401, PLC0415 - optional, and slow to import
-        except ImportError as error:
-            raise ConfigurationError(
-                f"--out {out}: writing Parquet needs pyarrow: pip install forefeel[parquet]"
-            ) from error
 
 
 def write_table(out: Path, columns: dict[str, Array]) -> None:
@@ -148,7 +141,7 @@ def _followed(path: Path, options: SimulationOptions) -> list[MotionPiece]:
     if not path.exists():
         expected = ", ".join(MOTIONS)
         raise ConfigurationError(f"--motion {path}: expected {expected}, or the file of a recording")
-    recording = load_recording(path, mapping_of((*options.columns, None), None))
+    recording = load_recording(path, Mapping(*options.columns), force=False)
     end_s = float(recording.time_s[0]) + (_LONGEST_S if options.duration_s is None else options.duration_s)
     pieces = []
     for part in recording.segments():

@@ -82,7 +82,7 @@ BAD: list[tuple[str, tuple[str, ...], dict[str, str]]] = [
     (f"{PLAYED} --prior-dir @/priors", ("--prior-dir", "has forces"), {"run.csv": RECORDING}),
     (f"{PLAYED} --world-spread 0.05", ("--world-spread", "has forces"), {"run.csv": RECORDING}),
     (f"{PLAYED} --hide @/m.yaml", ("--hide", "has forces"), {"run.csv": RECORDING, "m.yaml": BIAS}),
-    (f"{LOOPBACK} --recording @/a.txt", ("a.txt", ".csv"), {"a.txt": "x"}),
+    (f"{LOOPBACK} --recording @/a.doc", ("a.doc", ".csv"), {"a.doc": "x"}),
     (PLAYED, ("run.csv", "no two samples"), {"run.csv": "time_s,position_m\n0,0\n1,0\n2,0\n"}),
     (PLAYED, ("run.csv", "workspace_m"), {"run.csv": "time_s,position_m\n0,0\n0.05,4000\n"}),
     (f"{PLAYED} --position N:position_m", ("position = 'N:position_m'", "'N'"), {"run.csv": RECORDING}),

@@ -12,8 +12,8 @@ import pytest
 import yaml
 
 from forefeel.common.recording.mcap_writer import RunWriter
-from forefeel.diagnose.examine import Task, examine
-from forefeel.diagnose.parallel import attempt
+from forefeel.results.examine import Task, examine
+from forefeel.results.parallel import attempt
 from tests.commands.command_line import contents, refused
 from tests.unit.diagnosis_samples import FRICTION_N, made, one_sine, put
 from tests.unit.evaluation_samples import csv_text
@@ -34,7 +34,7 @@ effects:
 def one_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """A folder's recordings are diagnosed in this process."""
     monkeypatch.setattr(
-        "forefeel.diagnose.folder.outcomes", lambda tasks, *_: (attempt(task) for task in tasks)
+        "forefeel.results.folder.outcomes", lambda tasks, *_: (attempt(task) for task in tasks)
     )
 
 
@@ -133,7 +133,7 @@ def test_page_that_fails_leaves_verdict(
             assert "coulomb_friction" in capsys.readouterr().out
         raise IndexError("list index out of range")
 
-    monkeypatch.setattr("forefeel.diagnose.page.render_page", broken)
+    monkeypatch.setattr("forefeel.results.page.render_page", broken)
     assert run(["diagnose", str(tmp_path / source), "--out", str(out)]) == 0
     assert "strokes.csv: diagnosed, but report.html failed, IndexError" in capsys.readouterr().err
     assert names(results) == FILES - {"report.html"}
@@ -155,7 +155,7 @@ def test_diagnosis_that_fails_does_not_stop_others(
             raise np.linalg.LinAlgError("Singular matrix")
         return found
 
-    monkeypatch.setattr("forefeel.diagnose.examine._examined", fails_on_a)
+    monkeypatch.setattr("forefeel.results.examine._examined", fails_on_a)
     assert run(["diagnose", str(folder), "--out", str(out)]) == 1
     assert "a.csv: the diagnosis failed, LinAlgError: Singular matrix" in capsys.readouterr().err
     assert names(out) == {"b", "summary.json"}
@@ -171,7 +171,7 @@ def test_millimetres_are_asked_for_with_command_that_works(
     asked = capsys.readouterr().err
     assert "position_m spans 15.3 m" in asked
     assert not (tmp_path / "in mm").exists()
-    command = shlex.split(asked.partition("then type: ")[2])
+    command = shlex.split(asked.partition("if so, type: ")[2])
     assert command == ["forefeel", "diagnose", "in mm.csv", "--position", "mm:position_m"]
     assert run([*command[1:], "--no-page"]) == 0
     assert document(tmp_path / "in mm")["verdict"] == "cause_found"

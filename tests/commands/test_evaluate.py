@@ -35,7 +35,7 @@ def test_good_files_are_evaluated_and_bad_ones_skipped(
         put(tmp_path, "free.csv", recording(whole.time_s, whole.position_m, None)),
         str(tmp_path / "missing.csv"),
     ]
-    (tmp_path / "broken.csv").write_text("time_s,position_m\n0,0\n0.01,nan\n")
+    (tmp_path / "broken.csv").write_text("time_s,position_m,force_n\n0,0,1\n0.01,x,1\n")
     out = tmp_path / "new" / "out"
     assert run(["evaluate", *files, str(tmp_path / "broken.csv"), "--delay", "0.3", "--out", str(out)]) == 0
     shown = capsys.readouterr()

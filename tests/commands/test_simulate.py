@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from forefeel.common.recording.tabular import load_recording
+from forefeel.common.recording.loading import load_recording
 from tests.commands.command_line import refused
 
 Run = Callable[[Sequence[str]], int]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from forefeel.common.recording.tabular import load_recording
+from forefeel.common.recording.loading import load_recording
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.long_recording import liveliest
 from forefeel.diagnosis.verdict import Diagnosis

@@ -11,10 +11,10 @@ import yaml
 
 from forefeel.common.codec import Codec
 from forefeel.common.config import deep_merge
+from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.recording.recording import Recording
-from forefeel.common.recording.tabular import load_recording
 from forefeel.common.topics import (
     COMMAND,
     FORCE,

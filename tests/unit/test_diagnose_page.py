@@ -10,14 +10,14 @@ from forefeel.common.causes.candidate import base_name
 from forefeel.common.causes.catalogue import CANDIDATES, words
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.registry import OWN
-from forefeel.diagnose.answer import answer, equation
-from forefeel.diagnose.curves import Curves, response, share_of, strokes
-from forefeel.diagnose.page import render_page, worst_stretch
-from forefeel.diagnose.pictures import Component, picture, sensor_picture
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose
 from forefeel.diagnosis.prediction import Across
 from forefeel.diagnosis.verdict import Cause, Interval, ModelError
+from forefeel.results.answer import answer, equation
+from forefeel.results.curves import Curves, response, share_of, strokes
+from forefeel.results.page import render_page, worst_stretch
+from forefeel.results.pictures import Component, picture, sensor_picture
 from tests.unit.diagnosis_samples import FRICTION_N, made
 from tests.unit.page_checks import check_page
 
@@ -66,9 +66,9 @@ def test_picture_or_prediction_that_fails_is_one_line(
     def broken(*_: object) -> object:
         raise IndexError("no stroke")
 
-    monkeypatch.setattr("forefeel.diagnose.page.picture", broken)
-    monkeypatch.setattr("forefeel.diagnose.pictures.density", broken)
-    monkeypatch.setattr("forefeel.diagnose.page.strokes_in_band", broken)
+    monkeypatch.setattr("forefeel.results.page.picture", broken)
+    monkeypatch.setattr("forefeel.results.pictures.density", broken)
+    monkeypatch.setattr("forefeel.results.page.strokes_in_band", broken)
     page = render_page(rubbing.recording, rubbing, "ValueError: no arrival")
     check_page(page, figures=6)
     assert page.count("IndexError: no stroke") == 3

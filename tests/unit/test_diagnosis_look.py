@@ -5,10 +5,10 @@ import pytest
 
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnose.answer import look_texts
 from forefeel.diagnosis.analysis import conditioned
 from forefeel.diagnosis.sensor_faults import clean
 from forefeel.diagnosis.verdict import Look
+from forefeel.results.answer import look_texts
 
 RATE_HZ, SECONDS = 100.0, 60.0
 T = np.arange(int(SECONDS * RATE_HZ)) / RATE_HZ

@@ -6,11 +6,11 @@ from scipy.signal import cont2discrete, lfilter
 
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnose.answer import answer
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.extended import extended_model
 from forefeel.diagnosis.ramp_and_hold import held
 from forefeel.diagnosis.verdict import Diagnosis
+from forefeel.results.answer import answer
 
 MASS_KG, DAMPING_N_S_M, STIFFNESS_N_M = 0.4, 3.0, 900.0
 

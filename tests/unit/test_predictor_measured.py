@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from forefeel.common.recording.tabular import load_recording
+from forefeel.common.recording.loading import load_recording
 from tests.unit.predictor_samples import Sample, replayed, scored
 
 DELAY_S = 0.3

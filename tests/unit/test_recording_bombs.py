@@ -23,7 +23,7 @@ from pathlib import Path
 import numpy, pyarrow.parquet, lz4.frame
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.mcap_spans import RunSpans
-from forefeel.common.recording.tabular import load_recording
+from forefeel.common.recording.loading import load_recording
 from forefeel.common.errors import InputError
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 for kind, path in zip(sys.argv[1::2], sys.argv[2::2], strict=True):

@@ -13,9 +13,9 @@ from mcap.writer import CompressionType, Writer
 from forefeel.common.codec import encode
 from forefeel.common.errors import RecordingError, RunError
 from forefeel.common.messages import ImpairmentTrace, SafetyEvent, SafetyState
+from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.mcap_writer import RunWriter
-from forefeel.common.recording.tabular import load_recording
 from forefeel.common.recording.units import Mapping
 from forefeel.common.topics import COMMAND, FORCE, MASTER_IMPAIRMENT, SAFETY_EVENT, SLAVE_STATE
 from tests.unit.failing import refusing
@@ -173,8 +173,8 @@ def test_which_axis_and_which_mapping(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match=f"holds {AXIS}, rotation"):
         load_recording(path)
     assert load_recording(path, axis="rotation").position_m.tolist() == [0.0, 2e-3]
-    with pytest.raises(RecordingError, match="column mapping"):
-        load_recording(path, Mapping())
+    with pytest.raises(RecordingError, match="names its columns"):
+        load_recording(path, Mapping(time="s:t"))
 
 
 def trace(first_index: int, delays_ns: tuple[tuple[int, ...], ...], link: str = "inbound") -> ImpairmentTrace:

@@ -9,8 +9,8 @@ from math import cos, pi, sin
 from forefeel.common.clock import Clock
 from forefeel.common.errors import RecordingError
 from forefeel.common.estimation.state_filter import GAP_S
+from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Recording
-from forefeel.common.recording.tabular import load_recording
 from forefeel.devices.simulated.operator import Act, MinimumJerk, SimulatedHandle
 from forefeel.devices.simulated.settings import MultiSineSettings, RecordedHandleSettings, SineSettings
 from forefeel.master.handle import HandleReading

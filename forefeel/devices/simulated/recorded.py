@@ -8,7 +8,7 @@ from forefeel.common.clock import Clock
 from forefeel.common.errors import RecordingError
 from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.messages import MOST_FORCE_N
-from forefeel.common.recording.tabular import load_recording
+from forefeel.common.recording.loading import load_recording
 from forefeel.devices.simulated.settings import RecordedLoadCellSettings
 from forefeel.slave.load_cell import LoadCellReading
 

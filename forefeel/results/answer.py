@@ -7,9 +7,9 @@ from forefeel.common.causes.catalogue import words
 from forefeel.common.events.console import printable
 from forefeel.common.events.text import quantity
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnose.advice import next_steps, why_no_better
 from forefeel.diagnosis.verdict import Cause, Diagnosis, ExpectedGain, HeldOut, Look
 from forefeel.report.wording import DISCLAIMER, shown, split_unit
+from forefeel.results.advice import next_steps, why_no_better
 
 if TYPE_CHECKING:
     from forefeel.diagnosis.prediction import Across

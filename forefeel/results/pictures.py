@@ -9,12 +9,12 @@ import numpy as np
 from forefeel.common.causes.candidate import base_name
 from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
-from forefeel.diagnose.curves import LEFT, MODEL, Curves, Part, density, near, response, share_of, strokes
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.regression import alignment
 from forefeel.diagnosis.signals import Mask
 from forefeel.diagnosis.verdict import Cause
 from forefeel.report.drawing import DOTTED, AxisUnit, Figure, Layer, binned, cloud, line, panel, spec
+from forefeel.results.curves import LEFT, MODEL, Curves, Part, density, near, response, share_of, strokes
 
 HEIGHT_PX = 280
 Specs = tuple[Layer, ...]

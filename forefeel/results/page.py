@@ -9,10 +9,6 @@ from forefeel.common.causes.candidate import base_name
 from forefeel.common.causes.catalogue import fingerprint, words
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnose.advice import next_steps, why_no_better
-from forefeel.diagnose.answer import failure, gain_text, headline, on_readings, said
-from forefeel.diagnose.curves import LEFT, MODEL, Curves, Rows, near, strokes
-from forefeel.diagnose.pictures import HEIGHT_PX, picture, sensor_picture, spectrum, timeline
 from forefeel.diagnosis.diagnose import Diagnosed
 from forefeel.diagnosis.look import explained_share
 from forefeel.diagnosis.look import strokes as strokes_in_band
@@ -21,6 +17,10 @@ from forefeel.diagnosis.verdict import Diagnosis, Look
 from forefeel.report.drawing import AxisUnit, Figure, Layer, binned, cloud, line, loop, panel, spec
 from forefeel.report.template import render
 from forefeel.report.wording import plain_value, shown
+from forefeel.results.advice import next_steps, why_no_better
+from forefeel.results.answer import failure, gain_text, headline, on_readings, said
+from forefeel.results.curves import LEFT, MODEL, Curves, Rows, near, strokes
+from forefeel.results.pictures import HEIGHT_PX, picture, sensor_picture, spectrum, timeline
 
 NOT_DRAWN = "A picture that failed"
 _WORST_S = 5.0  # of the stretch that is drawn in full
@@ -42,7 +42,7 @@ def render_page(
     if diagnosis.look is not None:
         details["The look before the search"] = [_attempted(partial(_look, curves, diagnosis.look))]
     return render(
-        "diagnose/page.html.j2",
+        "results/page.html.j2",
         recording=recording,
         diagnosis=diagnosis,
         across=predicted,

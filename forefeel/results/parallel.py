@@ -14,8 +14,8 @@ from multiprocessing import active_children, get_context, resource_tracker
 
 from forefeel.child_process import die_with
 from forefeel.common.errors import ConfigurationError, EndpointError, InputError, RunError
-from forefeel.diagnose.examine import PAGE, Result, Task, examine
 from forefeel.interrupt import SIGNALS
+from forefeel.results.examine import PAGE, Result, Task, examine
 
 _PATIENCE_S = 10  # s for the scheduler's answer
 _LOOK_S = 0.1  # s between two looks for an end

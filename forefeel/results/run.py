@@ -5,10 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from forefeel.common.errors import ConfigurationError, RunError
-from forefeel.diagnose.examine import FILES, JSON, PAGE, Task, Tell, examine
-from forefeel.diagnose.folder import EARLIER, recordings_in, run_folder, save
 from forefeel.files import folder_named_after, fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
+from forefeel.results.examine import FILES, JSON, PAGE, Task, Tell, examine
+from forefeel.results.folder import EARLIER, recordings_in, run_folder, save
 from forefeel.terminal import answer, complain, say
 
 _LONG = {

@@ -12,13 +12,13 @@ from rich.text import Text
 
 from forefeel.common.errors import ConfigurationError, InputError, RunError
 from forefeel.common.events.text import quantity
-from forefeel.diagnose.answer import named, noise_text
-from forefeel.diagnose.examine import FILES, JSON, PAGE, Result, Task
-from forefeel.diagnose.parallel import TaskOutcome, outcomes
 from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order, heeded
 from forefeel.report.wording import DISCLAIMER
+from forefeel.results.answer import named, noise_text
+from forefeel.results.examine import FILES, JSON, PAGE, Result, Task
+from forefeel.results.parallel import TaskOutcome, outcomes
 from forefeel.terminal import answer, bar, complain, say, table
 
 SUMMARY, SCHEMA = "summary.json", "forefeel.diagnoses/1"

@@ -7,10 +7,10 @@ from itertools import count
 from pathlib import Path
 
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.errors import ConfigurationError, InputError, RecordingError
+from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.common.model_file import load_model
-from forefeel.common.recording.tabular import load_recording
-from forefeel.common.recording.units import NamedColumns, mapping_of
+from forefeel.common.recording.loading import load_recording
+from forefeel.common.recording.units import Mapping
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import (
     Evaluated,
@@ -22,7 +22,7 @@ from forefeel.diagnosis.evaluation.evaluate import (
     to_json,
 )
 from forefeel.diagnosis.evaluation.methods import METHODS
-from forefeel.evaluate.page import in_words, render_page
+from forefeel.evaluation.page import in_words, render_page
 from forefeel.files import folder_named_after, fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
 from forefeel.terminal import answer, bar, complain, say
@@ -34,7 +34,7 @@ def run_evaluation(
     files: Sequence[Path],
     link: DelayedLink,
     model_file: Path | None,
-    columns: NamedColumns,
+    columns: Mapping,
     out: Path | None,
     overwrite: bool,
 ) -> None:
@@ -49,6 +49,8 @@ def run_evaluation(
         model = checked_model(load_model(model_file), str(model_file)) if model_file else None
         prepared, skipped = _read(files, columns, link)
         fresh_folder(folder, (_JSON, _PAGE), "an earlier evaluation", overwrite)
+        for each in prepared.values():
+            say(f"{each.recording.source}: {each.recording.taken}")
         for reason in skipped.values():
             say(f"skipped: {reason}")
         evaluated = _evaluate(prepared, model)
@@ -60,7 +62,7 @@ def run_evaluation(
 
 
 def _read(
-    files: Sequence[Path], columns: NamedColumns, link: DelayedLink
+    files: Sequence[Path], columns: Mapping, link: DelayedLink
 ) -> tuple[dict[str, Prepared], dict[str, str]]:
     """(recordings, reasons for those that were skipped), both by the file's stem.
 
@@ -71,20 +73,19 @@ def _read(
     for stem, times in stems.items():
         if times > 1:
             raise ConfigurationError(f"{times} files are named {stem!r}; expected one of each name")
-    mapping = mapping_of(columns)
     prepared: dict[str, Prepared] = {}
-    skipped: dict[str, str] = {}
+    skipped: dict[str, RecordingError] = {}
     for path in files:
         try:
-            prepared[path.stem] = prepare(load_recording(path, mapping), link)
+            prepared[path.stem] = prepare(load_recording(path, columns, force=True), link)
         except RecordingError as error:
-            skipped[path.stem] = " ".join(str(error).splitlines())
+            skipped[path.stem] = error
     if not prepared:
         *others, last = skipped.values()
         for reason in others:
-            complain(reason)
-        raise InputError(last)
-    return prepared, skipped
+            complain(str(reason))
+        raise last
+    return prepared, {stem: " ".join(str(error).splitlines()) for stem, error in skipped.items()}
 
 
 def _evaluate(prepared: dict[str, Prepared], model: ContactModel | None) -> dict[str, Evaluated]:

@@ -25,7 +25,7 @@ def render_page(
     link: DelayedLink, rules: Sequence[str], recordings: Mapping[str, Evaluated], skipped: Mapping[str, str]
 ) -> str:
     return render(
-        "evaluate/page.html.j2",
+        "evaluation/page.html.j2",
         link=link,
         rules=rules,
         recordings=recordings,

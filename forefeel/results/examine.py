@@ -1,9 +1,8 @@
 """One recording from the file to the texts of its results; nothing is written."""
 
 import json
-import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from math import isfinite
 from pathlib import Path
@@ -13,16 +12,14 @@ from threadpoolctl import threadpool_limits
 
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError, ForefeelError, RecordingError, RunError
+from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Recording
-from forefeel.common.recording.tabular import load_recording
 from forefeel.common.recording.units import Mapping as ColumnMapping
-from forefeel.common.recording.units import NamedColumns, mapping_of, rescaled
 from forefeel.common.yaml_file import dump_mapping
-from forefeel.diagnose.answer import answer, failure
-from forefeel.diagnosis.diagnose import Diagnosed, diagnose
-from forefeel.diagnosis.extended import extended_model
-from forefeel.diagnosis.plausibility import Question, question
+from forefeel.diagnosis.diagnose import Diagnosed
 from forefeel.diagnosis.verdict import Diagnosis
+from forefeel.library import diagnosed
+from forefeel.results.answer import answer, failure
 
 if TYPE_CHECKING:
     from forefeel.diagnosis.prediction import Across
@@ -42,7 +39,7 @@ class Task:
 
     file: Path
     beside: tuple[Path, ...] = ()
-    columns: NamedColumns = (None, None, None)
+    columns: ColumnMapping = field(default_factory=ColumnMapping)
     axis: str | None = None
     given: ContactModel | None = None
     replay: bool = True
@@ -83,61 +80,34 @@ def examine(task: Task, tell: Tell = lambda stage: None) -> tuple[Result, Callab
 
 def _examined(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
     tell("reading")
-    recordings = [load_recording(f, mapping_of(task.columns), task.axis) for f in (task.file, *task.beside)]
-    for recording in recordings:
-        if not task.as_is and (asked := question(recording)) is not None:
-            raise RecordingError(_asked(task, recording, asked))
-    diagnosed = diagnose(recordings[0], tell, task.given, recordings[1:])
-    recording = diagnosed.recording
-    if not isfinite(diagnosed.diagnosis.baseline.rmse_n):
+    recordings = [load_recording(f, task.columns, task.axis, force=True) for f in (task.file, *task.beside)]
+    found = diagnosed(recordings, tell, task.given, task.as_is)
+    recording, diagnosis = found.recording, found.details.diagnosis
+    if not isfinite(diagnosis.baseline.rmse_n):
         raise ConfigurationError(
             f"--model: the force of {task.given.name if task.given else 'the simulation'!r} along "
             f"{task.file} is not finite; expected a model in SI units"
         )
-    named = diagnosed.diagnosis.verdict == "cause_found"
-    analysis = diagnosed.analysis if named else diagnosed.analysis.baseline()
-    model = extended_model(analysis, _title(recording, diagnosed.diagnosis))
+    named = diagnosis.verdict == "cause_found"
+    model = found.model.contact
     across = None
     if named and task.replay:  # without a cause there is no other model to predict with
         tell("prediction")
-        across = _prediction(recording, model, analysis.regression.sense)
-    texts = {MODEL: dump_mapping(model.to_mapping()), JSON: _document(diagnosed, across)}
+        across = _prediction(recording, model, found.details.analysis.regression.sense)
+    texts = {MODEL: dump_mapping(model.to_mapping()), JSON: _document(found.details, across)}
     given = None if task.given is None else task.given.name
-    lines = tuple(answer(recording, diagnosed.diagnosis, across, given))
-    return Result(diagnosed.diagnosis, lines, texts), partial(_page, task, diagnosed, across)
-
-
-def _asked(task: Task, recording: Recording, asked: Question) -> str:
-    """The question, with the command to type where another unit answers it."""
-    mapping = mapping_of(task.columns) or ColumnMapping(force="N:force_n")
-    column: str = getattr(mapping, asked.quantity)
-    other = None if task.file.suffix == ".mcap" else rescaled(asked.quantity, column, asked.factor)
-    doubt = f"{recording.source}: {column.partition(':')[2]} {asked.text}"
-    if other is None:
-        return f"{doubt}; expected s, m and N, or --as-is where it is true"
-    words = ["forefeel", "diagnose", str(task.file), *map(str, task.beside)]
-    words += ["--together"] if task.beside else []
-    columns = dict(zip(("time", "position", "force"), task.columns, strict=True)) | {asked.quantity: other}
-    words += [word for name, text in columns.items() if text for word in (f"--{name}", text)]
-    unit = other.partition(":")[0]
-    return f"{doubt} (--as-is: that is true); is it {unit}? then type: {shlex.join(words)}"
+    lines = (*([recording.taken] if recording.taken else []), *answer(recording, diagnosis, across, given))
+    return Result(diagnosis, lines, texts), partial(_page, task, found.details, across)
 
 
 def _page(task: Task, diagnosed: Diagnosed, across: "Across | str | None") -> str:
     try:
-        from forefeel.diagnose.page import render_page  # noqa: PLC0415 - loads what draws
+        from forefeel.results.page import render_page  # noqa: PLC0415 - loads what draws
 
         with threadpool_limits(1):
             return render_page(diagnosed.recording, diagnosed, across, task.given)
     except Exception as error:
         raise RunError(f"{task.file}: diagnosed, but {PAGE} failed, {failure(error)}") from error
-
-
-def _title(recording: Recording, diagnosis: Diagnosis) -> str:
-    """The model's name: a model of a recording whose cause is not named is no finding."""
-    if diagnosis.verdict == "cause_found":
-        return f"{recording.name}, extended by its diagnosis"
-    return f"{recording.name}, {diagnosis.verdict}: mass, damper, spring and bias"
 
 
 def _prediction(recording: Recording, model: ContactModel, sense: float) -> "Across | str | None":

@@ -1,0 +1,50 @@
+"""Which column of a table is time, position and force, and in what unit: by the words that people use."""
+
+import re
+from collections.abc import Mapping as NamedUnits
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from forefeel.common.recording.units import Quantity, unit_of
+
+_WORDS: dict[Quantity, str] = {
+    "time": "time|t|timestamp|stamp|zeit|zeitstempel|elapsed|temps|tiempo|tempo|seconds|clock",
+    "position": "position|pos|displacement|disp|stroke|travel|extension|elongation|depth|indentation"
+    "|insertion|deflection|compression|distance|crosshead|weg|hub|deplacement|x|q|angle|theta|winkel",
+    "force": "force|load|kraft|last|tension|f|fx|fy|fz|loadcell|effort|torque|moment|drehmoment|wrench",
+}
+_PATTERNS = {each: re.compile(rf"(?:^|[^a-z])(?:{words})(?:[^a-z]|$)") for each, words in _WORDS.items()}
+_BRACKETED = re.compile(r"(.*?)[\s_]*[\[(]([^\])]*)[\])]\s*")
+_SUFFIXED = re.compile(r"(.*?)(?:_|\s+in\s+|\s*/\s*|\s*,\s*|\s+)([^\s_/,]+)\s*")
+_CANONICAL: dict[Quantity, str] = {"time": "time_s", "position": "position_m", "force": "force_n"}
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A column that may hold the quantity; `unit`: None where nothing states it."""
+
+    column: str
+    unit: str | None
+
+
+def candidates(names: Sequence[str], units: NamedUnits[str, str], quantity: Quantity) -> list[Choice]:
+    """The columns whose name speaks of the quantity; the canonical name alone, where it is there."""
+    canonical = _CANONICAL[quantity]
+    if canonical in names:
+        return [Choice(canonical, canonical.partition("_")[2].replace("n", "N"))]
+    found = []
+    for name in names:
+        bare, unit = split_unit(name, quantity)
+        unit = unit_of(quantity, units.get(name, "")) or unit
+        if _PATTERNS[quantity].search(bare.lower()):
+            found.append(Choice(name, unit))
+    return [choice for choice in found if choice.unit is not None] or found
+
+
+def split_unit(name: str, quantity: Quantity) -> tuple[str, str | None]:
+    """`Force (mN)`, `force_mn`, `F / mN`: (force, mN); None: it names no unit of the quantity."""
+    for pattern in _BRACKETED, _SUFFIXED:
+        match = pattern.fullmatch(name)
+        if match is not None and (unit := unit_of(quantity, match[2])) is not None:
+            return match[1], unit
+    return name, None

@@ -1,0 +1,176 @@
+"""Recordings from files as people have them."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from forefeel.common.errors import RecordingError, UnclearError
+from forefeel.common.recording import array_tables
+from forefeel.common.recording.cleaning import clean
+from forefeel.common.recording.columns import Choice, candidates
+from forefeel.common.recording.mcap_reader import Run
+from forefeel.common.recording.recording import Array, Recording
+from forefeel.common.recording.ros_table import RosTable
+from forefeel.common.recording.text_table import TextTable
+from forefeel.common.recording.units import QUANTITIES, TO_SI, Mapping, Quantity, unit_of
+
+
+class Table(Protocol):
+    """Columns of numbers by name; see `TextTable`."""
+
+    names: Sequence[str]
+    units: dict[str, str]
+    notes: list[str]
+
+    def read(self, names: Sequence[str]) -> list[Array]: ...
+
+
+_TABLES: dict[str, Callable[[Path], Table]] = {
+    ".csv": TextTable,
+    ".tsv": TextTable,
+    ".txt": TextTable,
+    ".dat": TextTable,
+    ".parquet": array_tables.parquet,
+    ".xlsx": array_tables.spreadsheet,
+    ".mat": array_tables.matlab,
+    ".h5": array_tables.hdf5,
+    ".hdf5": array_tables.hdf5,
+    ".tdms": array_tables.tdms,
+    ".bag": RosTable,
+}
+SUFFIXES = (*_TABLES, ".mcap")
+
+_LIKELY: dict[Quantity, tuple[tuple[str, ...], tuple[float, float]]] = {
+    "time": (("s", "ms", "us", "ns"), (1e-5, 0.1)),
+    "position": (("m", "mm", "um"), (5e-5, 0.5)),
+    "force": (("N", "mN"), (1e-3, 1e3)),
+}
+"""Interval, travel and force of benches in SI, and the units that are tried in turn."""
+
+
+def load_recording(
+    path: Path, mapping: Mapping | None = None, axis: str | None = None, force: bool | None = None
+) -> Recording:
+    """The recording in a file of one of `SUFFIXES`.
+
+    Which column is what, and its unit, is taken from the names where they say it. Rows that can not be used
+    are dropped. `Recording.taken` tells both. `axis` chooses one of an MCAP file of ours; it may be left out
+    when there is only one. `force`: whether it is needed; None: where it is there; False: not looked for.
+
+    Raises:
+        UnclearError: which column is what is not sure.
+        RecordingError: one line that says where, which value, and what was expected.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".mcap" and (run := Run(path)).axes:
+        if mapping not in (None, Mapping()):
+            raise RecordingError(f"{path}: a recorded run names its columns, expected no others")
+        return run.to_recording(axis)
+    if suffix not in SUFFIXES:
+        raise RecordingError(f"{path}: suffix {suffix!r}, expected one of {', '.join(SUFFIXES)}")
+    return recording_of(_TABLES.get(suffix, RosTable)(path), path.stem, str(path), mapping, force)
+
+
+def recording_of(
+    table: Table, name: str, source: str, mapping: Mapping | None = None, force: bool | None = None
+) -> Recording:
+    """The recording in a table; see `load_recording`."""
+    chosen = _chosen(source, table, mapping or Mapping(), force)
+    numbers = table.read([column for column, _ in chosen.values()])
+    factors = [TO_SI[quantity][unit] for quantity, (_, unit) in chosen.items()]
+    time_s = (numbers[0] - _first(numbers[0])) * factors[0]
+    values = np.array([each * factor for each, factor in zip(numbers[1:], factors[1:], strict=True)])
+    time_s, values, done = clean(time_s, values)
+    if len(time_s) < 2:
+        notes = "".join(f"; {note}" for note in done)
+        raise RecordingError(f"{source}: {len(time_s)} sample(s){notes}, expected at least 2")
+    columns = {quantity: f"{unit}:{column}" for quantity, (column, unit) in chosen.items()}
+    force_n = values[1] if len(values) > 1 else None
+    return Recording(name, time_s, values[0], force_n, source, columns, (*table.notes, *done))
+
+
+def _first(values: Array) -> float:
+    """Of stamps since 1970 nothing is lost in the difference; others keep their origin."""
+    finite = values[np.isfinite(values)]
+    return float(finite[0]) if len(finite) and abs(finite[0]) > 1e6 else 0.0
+
+
+Chosen = dict[Quantity, tuple[str, str]]
+"""Column and unit of each quantity."""
+
+
+def _chosen(source: str, table: Table, mapping: Mapping, force: bool | None) -> Chosen:
+    given = mapping.columns()
+    for quantity, (column, _) in given.items():
+        if column not in table.names:
+            names = ", ".join(map(repr, table.names))
+            raise RecordingError(f"{source}: no column {column!r} for the {quantity}, it has {names}")
+    chosen: Chosen = {}
+    doubts: dict[Quantity, str] = {}
+    wanted = [each for each in QUANTITIES if each != "force" or force is not False or each in given]
+    for quantity in wanted:
+        if quantity in given:
+            chosen[quantity] = given[quantity]
+            continue
+        taken = {column for column, _ in (*given.values(), *chosen.values())}
+        found = [each for each in candidates(table.names, table.units, quantity) if each.column not in taken]
+        if len(found) == 1 and found[0].unit is not None:
+            chosen[quantity] = found[0].column, found[0].unit
+        elif found or quantity != "force" or force:
+            doubts[quantity] = _doubt(quantity, found)
+    if doubts:
+        raise _unclear(source, table, chosen, doubts)
+    return chosen
+
+
+def _doubt(quantity: Quantity, found: Sequence[Choice]) -> str:
+    if not found:
+        return f"no {quantity}: no column is named so"
+    if len(found) == 1:
+        return f"no unit of {found[0].column!r} is stated"
+    return f"{', '.join(repr(each.column) for each in found)} may each be the {quantity}"
+
+
+def _unclear(source: str, table: Table, chosen: Chosen, doubts: dict[Quantity, str]) -> RecordingError:
+    """What is in doubt, and the columns that are likely by their names, their place and what they hold."""
+    free = [name for name in table.names if name not in {column for column, _ in chosen.values()}]
+    likely: dict[str, str] = {}
+    for quantity, doubt in doubts.items():
+        named = candidates(free, table.units, quantity) or [
+            Choice(name, unit_of(quantity, table.units.get(name, ""))) for name in free
+        ]
+        numbers = {each.column: _numbers(table, each.column) for each in named}
+        fits = [each for each in named if _fits(quantity, numbers[each.column])]
+        if not fits:
+            names = ", ".join(map(repr, table.names))
+            raise RecordingError(f"{source}: {doubt}; it has {names}, expected one that changes")
+        best = fits[0]
+        likely[quantity] = f"{best.unit or _likely_unit(quantity, numbers[best.column])}:{best.column}"
+        free.remove(best.column)
+    return UnclearError(f"{source}: {'; '.join(doubts.values())}", likely)
+
+
+def _numbers(table: Table, name: str) -> Array:
+    try:
+        return table.read([name])[0]
+    except RecordingError:
+        return np.empty(0)
+
+
+def _fits(quantity: Quantity, values: Array) -> bool:
+    """Whether a column may be that quantity: it changes, and a time mostly grows."""
+    values = values[np.isfinite(values)]
+    if len(values) < 2 or np.ptp(values) == 0.0:
+        return False
+    return quantity != "time" or float(np.mean(np.diff(values) >= 0.0)) > 0.99
+
+
+def _likely_unit(quantity: Quantity, values: Array) -> str:
+    """The first unit with which a bench is as large, as fast and as strong as benches are."""
+    values = values[np.isfinite(values)]
+    steps = np.diff(values)
+    size = float(np.median(steps[steps > 0.0]) if quantity == "time" else np.ptp(values))
+    units, (least, most) = _LIKELY[quantity]
+    return next((unit for unit in units if least <= size * TO_SI[quantity][unit] <= most), units[0])

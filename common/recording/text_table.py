@@ -1,0 +1,239 @@
+"""Text tables as instruments, spreadsheets and people write them: CSV, TSV, columns of blanks."""
+
+import csv
+import io
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from forefeel.common.errors import RecordingError
+from forefeel.common.recording.recording import Array, opened
+
+_HEAD_BYTES = 65_536  # in which delimiter, header and units are looked for
+_MOST_HEAD_ROWS = 200  # that tell how the others are written
+_DELIMITERS = ";", "\t", ",", "|"
+_BLANK = " "
+_COMMENTS = "#", "%", "//"
+_MISSING = ["", "nan", "NaN", "NAN", "NA", "N/A", "n/a", "#N/A", "#NV", "null", "NULL", "None", "-", "--"]
+_MARKS = {b"\xef\xbb\xbf": "utf-8-sig", b"\xff\xfe": "utf-16", b"\xfe\xff": "utf-16"}
+_EXPONENT = r"([eE][-+]?\d+)?"
+_KINDS = {
+    "number": re.compile(r"[-+]?(\d+\.?\d*|\.\d+|inf)" + _EXPONENT),
+    "comma": re.compile(r"[-+]?(\d+,\d*|,\d+)" + _EXPONENT),
+    "date": re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?"),
+    "zoned": re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?(Z|[-+]\d\d(:?\d\d)?)"),
+    "clock": re.compile(r"\d\d:\d\d:\d\d(\.\d+)?"),
+}
+_UNIT = re.compile(r"[\[(]?[A-Za-zµμ°%][A-Za-z0-9µμ°%·*/^ ]{0,7}[\])]?|[\[(][\])]|-?")
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """How a text table is written. `first`: lines before its first row. `kinds`: of `_KINDS`, by column."""
+
+    encoding: str
+    delimiter: str
+    decimal: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    kinds: tuple[str, ...]
+    first: int
+
+
+class TextTable:
+    """A table of text. Its encoding, delimiter, decimal sign, header and row of units are found.
+
+    Attributes:
+        names: of the header; `1`, `2`, ... without one.
+        units: from a row below the header, by name.
+        notes: what of the file was left out.
+
+    Raises:
+        RecordingError: unreadable, or no table.
+    """
+
+    def __init__(
+        self, path: Path, source: Callable[[Path], AbstractContextManager[BinaryIO]] = opened
+    ) -> None:
+        """`source`: opens the text; of a spreadsheet what it has been made into."""
+        self._path, self._source = path, source
+        with source(path) as file:
+            self._layout = _layout(path, file.read(_HEAD_BYTES))
+        self.names: Sequence[str] = self._layout.names
+        self.units = dict(zip(self.names, self._layout.units, strict=True))
+        timed = (name for name, kind in zip(self.names, self._layout.kinds, strict=True) if kind != "number")
+        self.units |= dict.fromkeys(timed, "s")
+        self.notes: list[str] = []
+
+    def read(self, names: Sequence[str]) -> list[Array]:
+        """Columns as float64, what is missing as NaN; dates in s since 1970, clocks in s since midnight.
+
+        Raises:
+            RecordingError: a cell that is none of these, with its row; a row too short that is not the last.
+        """
+        import pyarrow as arrow  # noqa: PLC0415 - slow to import
+        from pyarrow import csv as arrow_csv  # noqa: PLC0415
+
+        layout, odd = self._layout, list[Any]()
+        types = {
+            "number": arrow.float64(),
+            "date": arrow.timestamp("ns"),
+            "zoned": arrow.timestamp("ns", "UTC"),
+            "clock": arrow.time64("ns"),
+        }
+        kinds = {str(i): layout.kinds[i] for i in map(self.names.index, names)}
+        keys = list(map(str, range(len(self.names))))
+        reading = arrow_csv.ReadOptions(
+            column_names=keys, skip_rows=layout.first, encoding=layout.encoding, use_threads=False
+        )
+
+        def skip(row: Any) -> str:  # noqa: ANN401 - of pyarrow
+            odd.append(row)
+            return "skip"
+
+        parsing = arrow_csv.ParseOptions(
+            delimiter=layout.delimiter, invalid_row_handler=skip, newlines_in_values=False
+        )
+        converting = arrow_csv.ConvertOptions(
+            include_columns=list(kinds),
+            column_types={key: types[kind] for key, kind in kinds.items()},
+            null_values=_MISSING,
+            decimal_point=layout.decimal,
+        )
+        try:
+            with self._source(self._path) as file:
+                source = file if layout.delimiter != _BLANK else _single_blanks(file)
+                batches = [
+                    [_floats(*each) for each in zip(batch.columns, kinds.values(), strict=True)]
+                    for batch in arrow_csv.open_csv(source, reading, parsing, converting)
+                ]
+        except arrow.ArrowInvalid as error:
+            raise RecordingError(self._refusal(str(error))) from None
+        except UnicodeError as error:
+            raise RecordingError(f"{self._path}: {error}, expected text") from error
+        columns = [np.concatenate(parts) for parts in zip(*batches, strict=True)]
+        self._note(odd, len(columns[0]) if columns else 0)
+        return columns or [np.empty(0) for _ in names]
+
+    def _note(self, odd: list[Any], rows: int) -> None:
+        """Comments and a last row that is cut off are left out; any other of another width is refused."""
+        last = self._layout.first + rows + len(odd)
+        odd = [row for row in odd if not row.text.lstrip().startswith(_COMMENTS)]
+        if not odd:
+            return
+        row = odd[0]
+        if row.actual_columns > row.expected_columns or row.number < last:
+            cells = f"{row.actual_columns} cell(s), expected {row.expected_columns}"
+            raise RecordingError(f"{self._path}: line {row.number}: {cells}")
+        self.notes.append("the last line, which is cut off")
+
+    def _refusal(self, text: str) -> str:
+        found = re.search(r"column #(\d+):(?: Row #(\d+):)?.*?invalid value '(.*)'", text, re.DOTALL)
+        if found is None:
+            return f"{self._path}: {text.splitlines()[0]}, expected a table"
+        column, line, value = found.groups()
+        place = f"line {line}, " if line else ""
+        return f"{self._path}: {place}column {self.names[int(column)]!r}: {value[:40]!r}, expected a number"
+
+
+def _floats(column: Any, kind: str) -> Array:  # noqa: ANN401 - of pyarrow
+    if kind != "number":
+        column = column.cast("int64")
+    values: Array = column.to_numpy(zero_copy_only=False).astype(np.float64)
+    return values if kind == "number" else values * 1e-9
+
+
+def _single_blanks(file: BinaryIO) -> io.BytesIO:
+    """Columns of blanks with one between two."""
+    return io.BytesIO(re.sub(rb"(?m)^ +| +$", b"", re.sub(rb"[ \t]+", b" ", file.read())))
+
+
+def _layout(path: Path, head: bytes) -> Layout:
+    encoding, text = _decoded(head)
+    lines = [line.strip("\r") for line in re.split("\r\n|\n|\r", text)]
+    if len(head) == _HEAD_BYTES:
+        lines = lines[:-1]  # cut by us
+    rows = [(number, line) for number, line in enumerate(lines) if line.strip()]
+    if not rows:
+        raise RecordingError(f"{path}: only blank lines, expected a table of time, position and force")
+    data = [(n, line) for n, line in rows if not line.lstrip().startswith(_COMMENTS)]
+    delimiter, width = _delimiter([line for _, line in data[-_MOST_HEAD_ROWS:]])
+    cells = {number: _split(line.lstrip("#%/ "), delimiter) for number, line in rows}
+    first = next((n for n, _ in data if len(cells[n]) == width and _is_data(cells[n])), None)
+    if first is None:
+        raise RecordingError(f"{path}: no row of numbers, expected a table of time, position and force")
+    names, units = _header([cells[n] for n, _ in rows if n < first], width)
+    body = [cells[n] for n, _ in data[-_MOST_HEAD_ROWS:] if n >= first and len(cells[n]) == width]
+    kinds = [_kind([row[i] for row in body]) for i in range(len(names))]
+    decimal = "." if "comma" not in kinds or delimiter == "," else ","
+    kinds = ["number" if kind == "comma" else kind for kind in kinds]
+    return Layout(encoding, delimiter, decimal, _distinct(names), tuple(units), tuple(kinds), first)
+
+
+def _decoded(head: bytes) -> tuple[str, str]:
+    """(encoding, text): what its mark says, UTF-8, or else what Windows writes in western Europe."""
+    for mark, encoding in _MARKS.items():
+        if head.startswith(mark):
+            return encoding, head.decode(encoding, "ignore")
+    try:
+        return "utf-8", head.decode() if len(head) < _HEAD_BYTES else head[: head.rfind(b"\n")].decode()
+    except UnicodeDecodeError:
+        return "cp1252", head.decode("cp1252", "replace")
+
+
+def _delimiter(lines: Sequence[str]) -> tuple[str, int]:
+    """The first that cuts most lines into equally many cells, two at least; and how many."""
+    for delimiter in (*_DELIMITERS, _BLANK):
+        widths = Counter(len(_split(line, delimiter)) for line in lines)
+        width = max(widths, key=widths.__getitem__, default=1)
+        if width > 1 and 2 * widths[width] > len(lines):
+            return delimiter, width
+    return ",", 1
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    if delimiter == _BLANK:
+        return line.split()
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+
+
+def _kind(cells: Sequence[str]) -> str:
+    """The kind of most cells that are there; text is refused when it is read."""
+    kinds = Counter(
+        next((kind for kind, pattern in _KINDS.items() if pattern.fullmatch(cell)), "text")
+        for cell in cells
+        if cell not in _MISSING
+    )
+    if kinds["comma"]:
+        return "comma"
+    found = kinds.most_common(1)
+    return found[0][0] if found and found[0][0] != "text" else "number"
+
+
+def _is_data(cells: Sequence[str]) -> bool:
+    return any(pattern.fullmatch(cell) for cell in cells for pattern in _KINDS.values())
+
+
+def _header(above: list[list[str]], width: int) -> tuple[list[str], list[str]]:
+    """Names and units from the lines above the first row; a comment may be the header."""
+    lines = [cells for cells in above if len(cells) == width or len(cells) == width - 1]
+    if not lines:
+        return [str(i + 1) for i in range(width)], [""] * width
+    *before, last = lines
+    units = [""] * width
+    if before and len(last) == width and all(_UNIT.fullmatch(cell) for cell in last) and any(last):
+        units, last = last, before[-1]
+    names = [*last, *([""] * (width - len(last)))]
+    return [name or str(i + 1) for i, name in enumerate(names)], units
+
+
+def _distinct(names: Sequence[str]) -> tuple[str, ...]:
+    """A name that stands twice gets its column's number."""
+    twice = {name for name, times in Counter(names).items() if times > 1}
+    return tuple(f"{name} {i + 1}" if name in twice else name for i, name in enumerate(names))

@@ -1,0 +1,110 @@
+"""A running cell from outside: what it says, and a stop.
+
+with ff.connect("master.yaml") as cell:
+    print(cell.state.state, cell.force.force_n, cell.prediction.predicted_n)
+    print(cell.stop("enough"))
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Condition
+from typing import Any
+
+from forefeel.common.bus import observed
+from forefeel.common.clock import MonotonicClock
+from forefeel.common.codec import Codec
+from forefeel.common.errors import CodecError
+from forefeel.common.messages import ForceSample, HapticSample, SlaveState
+from forefeel.common.topics import FORCE, HAPTICS, SLAVE_STATE, parse_key
+from forefeel.common.transport.security import Party
+from forefeel.common.transport.zenoh_bus import ZenohTransport
+from forefeel.local.stop import Caller, caller_of, stop_over_network
+
+_FIELDS = {SLAVE_STATE.name: "state", FORCE.name: "force", HAPTICS.name: "prediction"}
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """The newest messages of an axis; None before any has come."""
+
+    state: SlaveState | None = None
+    force: ForceSample | None = None
+    prediction: HapticSample | None = None
+
+
+class Cell:
+    """The newest of what a cell says; `stop` stops it."""
+
+    def __init__(self, caller: Caller) -> None:
+        self._caller, self._came = caller, Condition()
+        self._newest: dict[str, dict[str, Any]] = {}
+
+    def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
+        """A payload from the network."""
+        parsed = parse_key(key)
+        if parsed is None or parsed[2].name not in _FIELDS:
+            return
+        try:
+            *_, (message, _) = observed(parsed[2], payload, receive_ns, Codec)
+        except (CodecError, ValueError):
+            return
+        with self._came:
+            self._newest.setdefault(parsed[1], {})[_FIELDS[parsed[2].name]] = message
+            self._came.notify_all()
+
+    @property
+    def axes(self) -> Mapping[str, Axis]:
+        """The axes that are heard, by name."""
+        with self._came:
+            newest = {name: dict(found) for name, found in self._newest.items()}
+        return {name: Axis(**found) for name, found in newest.items()}
+
+    @property
+    def state(self) -> SlaveState | None:
+        """Of the first axis, as `force` and `prediction`."""
+        return self._first.state
+
+    @property
+    def force(self) -> ForceSample | None:
+        return self._first.force
+
+    @property
+    def prediction(self) -> HapticSample | None:
+        return self._first.prediction
+
+    @property
+    def _first(self) -> Axis:
+        return next(iter(sorted(self.axes.items())), ("", Axis()))[1]
+
+    def wait(self, timeout_s: float = 5.0) -> bool:
+        """Waits for anything to be heard; False: nothing came."""
+        with self._came:
+            return self._came.wait_for(lambda: bool(self._newest), timeout_s)
+
+    def stop(self, reason: str = "asked for by a program") -> Mapping[str, str]:
+        """Says an emergency stop until every axis shows it, for 2 s at most; the state of each axis then.
+
+        `estopped` is a stop that is confirmed. Anything else is none: use the stop of the machine itself.
+        """
+        return stop_over_network(self._caller, tuple(self.axes) or self._caller.axes, reason)
+
+
+@contextmanager
+def connect(config: str | Path, *, insecure: bool = False) -> Iterator[Cell]:
+    """A running cell by the settings file of its master, of its slave or of a viewer.
+
+    Args:
+        config: the YAML file.
+        insecure: goes without certificates outside this host.
+
+    Raises:
+        InputError: the file, a certificate or an endpoint can not be used.
+    """
+    caller, faults = caller_of(Path(config), insecure), list[Exception]()
+    cell, party = Cell(caller), Party(caller.role, (caller.cell,))
+    opened = ZenohTransport.open(caller.transport, MonotonicClock(), faults.append, party, insecure=insecure)
+    with closing(opened):
+        opened.subscribe_all(f"forefeel/{caller.cell}", cell.hear)
+        yield cell

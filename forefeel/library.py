@@ -1,0 +1,250 @@
+"""The library's front: recordings, diagnosis, evaluation, prediction, a running cell.
+
+    import forefeel as ff
+
+    rec = ff.load("run.csv")
+    d = ff.diagnose(rec)
+    print(d)
+    e = ff.evaluate(rec, delay_s=0.3)
+
+All quantities are SI; a rotation has rad for m and N m for N.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from forefeel.common.causes.model import ContactModel
+from forefeel.common.errors import ConfigurationError, RecordingError, UnclearError
+from forefeel.common.estimation.predictor import Predictor
+from forefeel.common.model_file import load_model
+from forefeel.common.recording.array_tables import table_of
+from forefeel.common.recording.loading import load_recording, recording_of
+from forefeel.common.recording.recording import Recording
+from forefeel.common.recording.units import Mapping as Columns
+from forefeel.common.recording.units import parse_column, rescaled
+from forefeel.diagnosis.analysis import Progress
+from forefeel.diagnosis.diagnose import Diagnosed
+from forefeel.diagnosis.diagnose import diagnose as _diagnose
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink
+from forefeel.diagnosis.evaluation.evaluate import Evaluated, prepare
+from forefeel.diagnosis.evaluation.evaluate import evaluate as _evaluate
+from forefeel.diagnosis.extended import extended_model
+from forefeel.diagnosis.plausibility import Question, question
+from forefeel.diagnosis.verdict import Cause, VerdictName
+from forefeel.results.answer import answer
+from forefeel.results.curves import Curves
+from forefeel.simulate.motion import FollowedRecording, MotionPiece
+from forefeel.simulate.world import integrate
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "Cause", "Diagnosis", "Evaluation", "Model", "Predictor", "Recording", "diagnose", "evaluate", "load",
+]  # fmt: skip
+
+_MOST_LINES = 10
+
+
+def load(
+    source: Any,  # noqa: ANN401 - a path, arrays by name, or a DataFrame of pandas
+    *,
+    time: str | None = None,
+    position: str | None = None,
+    force: str | None = None,
+    axis: str | None = None,
+) -> Recording:
+    """A recording from a file, from arrays by name, or from a DataFrame.
+
+    Args:
+        source: a file of one of `forefeel.common.recording.loading.SUFFIXES`; arrays of equal shape (n,).
+        time, position, force: the columns, each as `unit:column`, such as `mm:laser`; by default those that
+            their names tell. `Recording.taken` says which.
+        axis: of a recorded run with several.
+
+    Raises:
+        UnclearError: which column is what, or in which unit, is not sure; the text says what to add.
+        RecordingError: it can not be read or used.
+    """
+    columns = Columns(time, position, force)
+    if isinstance(source, str | Path):
+        return load_recording(Path(source), columns, axis)
+    return recording_of(table_of(source), "data", "data", columns)
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A contact model, as model.yaml holds it."""
+
+    contact: ContactModel
+
+    def simulate(self, motion: Any) -> Recording:  # noqa: ANN401 - see `load`
+        """The force of the model along the motion of a recording, from rest at its start."""
+        recording = _recording(motion)
+        pieces = [
+            MotionPiece(FollowedRecording(recording, part), recording.time_s[part])
+            for part in recording.segments()
+        ]
+        position_m, force_n = integrate(self.contact, pieces, lambda _time_s: None)
+        name = self.contact.name
+        return Recording(name, recording.time_s, position_m, force_n, f"{name} along {recording.source}")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Diagnosis:
+    """What a simulation of mass, damper and spring gets wrong; `print` says it in ten lines.
+
+    Attributes:
+        recording: what was diagnosed, several as one.
+        model: the simulation extended by the causes, where any are named.
+        lines: the answer in words.
+        details: verdict, causes, intervals, flags and the analysis behind them.
+    """
+
+    recording: Recording
+    model: Model
+    lines: tuple[str, ...]
+    details: Diagnosed
+
+    @property
+    def verdict(self) -> VerdictName:
+        return self.details.diagnosis.verdict
+
+    @property
+    def causes(self) -> tuple[Cause, ...]:
+        return self.details.diagnosis.causes
+
+    def __str__(self) -> str:
+        return "\n".join([*self.lines[: _MOST_LINES - 1], self.lines[-1]])
+
+    def plot(self) -> "Figure":
+        """Force and what is left of it over time, as measured, simulated and extended; needs matplotlib."""
+        try:
+            from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
+        except ImportError as error:
+            raise ConfigurationError("plot: needs matplotlib: pip install 'forefeel[plot]'") from error
+        curves = Curves.of(self.details.analysis, None)
+        t, rows = curves.t[curves.rows], curves.rows
+        figure = Figure(figsize=(9.0, 5.0), layout="constrained")
+        above, below = figure.subplots(2, 1, sharex=True)
+        above.plot(t, curves.force[rows], "k.", markersize=2, label="measured")
+        for name, force_n in (("simulation", curves.simulated), ("extended", curves.extended)):
+            above.plot(t, force_n[rows], linewidth=1, label=name)
+            below.plot(t, (curves.force - force_n)[rows], linewidth=1, label=f"left by {name}")
+        above.set(title=self.lines[1], ylabel="force, N")
+        below.set(xlabel="time, s", ylabel="left, N")
+        above.legend()
+        return figure
+
+
+def diagnose(
+    recording: Any,  # noqa: ANN401 - see `load`
+    *beside: Any,  # noqa: ANN401
+    model: str | Path | None = None,
+    as_is: bool = False,
+) -> Diagnosis:
+    """What the simulation of a recording gets wrong, and which causes explain it.
+
+    Args:
+        recording: a `Recording`, or what `load` takes.
+        beside: further recordings of the same bench, for one answer to all.
+        model: model.yaml of the simulation to compare with, in place of a fitted mass, damper and spring.
+        as_is: asks nothing about units.
+
+    Raises:
+        RecordingError: it can not be diagnosed, or its units are not plausible.
+    """
+    given = None if model is None else load_model(Path(model))
+    recordings = [_recording(each, force=True) for each in (recording, *beside)]
+    return diagnosed(recordings, given=given, as_is=as_is)
+
+
+def diagnosed(
+    recordings: Sequence[Recording],
+    progress: Progress = lambda _stage: None,
+    given: ContactModel | None = None,
+    as_is: bool = False,
+) -> Diagnosis:
+    """As `diagnose`; `progress` is told each stage before it starts."""
+    for recording in recordings:
+        if not as_is and (asked := question(recording)) is not None:
+            raise _doubt(recording, asked)
+    found = _diagnose(recordings[0], progress, given, recordings[1:])
+    named = found.diagnosis.verdict == "cause_found"
+    title = f"{found.recording.name}, extended by its diagnosis"
+    if not named:  # a model of a recording whose cause is not named is no finding
+        title = f"{found.recording.name}, {found.diagnosis.verdict}: mass, damper, spring and bias"
+    model = extended_model(found.analysis if named else found.analysis.baseline(), title)
+    lines = answer(found.recording, found.diagnosis, None, None if given is None else given.name)
+    return Diagnosis(found.recording, Model(model), tuple(lines), found)
+
+
+def _doubt(recording: Recording, asked: Question) -> RecordingError:
+    """The question, with the unit that answers it where there is one."""
+    text = recording.columns.get(asked.quantity)
+    column, unit = parse_column(asked.quantity, text) if text else (asked.quantity, "")
+    other = rescaled(asked.quantity, unit, asked.factor) if text else None
+    doubt = f"{recording.source}: {column} {asked.text} (--as-is if that is true)"
+    if other is None:
+        return RecordingError(f"{doubt}; expected s, m and N")
+    return UnclearError(f"{doubt}, in {other} it would be usual", {asked.quantity: f"{other}:{column}"})
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Evaluation:
+    """How well the force is predicted across a delay, with what has arrived; `print` gives a table.
+
+    Attributes:
+        delay_s: from a motion to the arrival of its force.
+        rms_n: error of each method in N, None where it diverged; `zoh` is the newest force that has arrived.
+        details: scores, predictions and the parts of the motion.
+    """
+
+    delay_s: float
+    rms_n: Mapping[str, float | None]
+    details: Evaluated
+
+    @property
+    def ratio(self) -> float | None:
+        """The error of the prediction over that of the zero-order hold."""
+        own, held = self.rms_n["forefeel"], self.rms_n["zoh"]
+        return own / held if own is not None and held else None
+
+    def __str__(self) -> str:
+        sizes = ("diverged" if rms_n is None else f"{rms_n:.4g} N rms" for rms_n in self.rms_n.values())
+        rows = [f"{name:<10} {size}" for name, size in zip(self.rms_n, sizes, strict=True)]
+        return "\n".join([f"{self.delay_s:g} s late", *rows])
+
+
+def evaluate(
+    recording: Any,  # noqa: ANN401 - see `load`
+    delay_s: float = 0.3,
+    *,
+    jitter_s: float = 0.0,
+    loss: float = 0.0,
+    seed: int = 0,
+    model: str | Path | None = None,
+) -> Evaluation:
+    """Predicts the force of a recording from its motion and the forces that have arrived, stamp by stamp.
+
+    Args:
+        recording: a `Recording`, or what `load` takes.
+        delay_s, jitter_s, loss, seed: of the link; each force is up to `jitter_s` earlier or later.
+        model: model.yaml for the prediction.
+
+    Raises:
+        RecordingError: no force, or too short.
+    """
+    prepared = prepare(_recording(recording, force=True), DelayedLink(delay_s, jitter_s, loss, seed))
+    found = _evaluate(prepared, None if model is None else load_model(Path(model)))
+    return Evaluation(delay_s, {name: score.size.rms_n for name, score in found.scores.items()}, found)
+
+
+def _recording(source: Any, force: bool | None = None) -> Recording:  # noqa: ANN401 - see `load`
+    if isinstance(source, Recording):
+        return source
+    if isinstance(source, str | Path):
+        return load_recording(Path(source), force=force)
+    return recording_of(table_of(source), "data", "data", force=force)

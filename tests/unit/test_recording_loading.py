@@ -1,0 +1,192 @@
+"""Recordings as people have them: taken for what they are, or refused with what to add."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from forefeel.common.errors import RecordingError, UnclearError
+from forefeel.common.recording.loading import load_recording
+from forefeel.common.recording.recording import Recording
+from forefeel.common.recording.units import Mapping
+from tests.unit import people
+from tests.unit.people import F_N, T_S, X_M, text
+
+_SI = "time_s,position_m,force_n"
+
+
+def written(folder: Path, content: str | bytes, suffix: str = "csv") -> Path:
+    path = folder / f"trial.{suffix}"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def assert_whole(recording: Recording) -> None:
+    assert len(recording) == len(T_S)
+    np.testing.assert_allclose(recording.time_s - recording.time_s[0], T_S, atol=1e-6)
+    np.testing.assert_allclose(recording.position_m, X_M, atol=1e-7)
+    assert recording.force_n is not None
+    np.testing.assert_allclose(recording.force_n, F_N, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", people.CLEAR)
+def test_text_that_says_what_it_holds_is_read(tmp_path: Path, name: str) -> None:
+    suffix, content = people.CLEAR[name]
+    recording = load_recording(written(tmp_path, content, suffix), force=True)
+    assert_whole(recording)
+    assert set(recording.columns) == {"time", "position", "force"}
+    assert recording.notes == ()
+
+
+@pytest.mark.parametrize("name", people.WRITTEN)
+def test_files_of_other_programs_are_read(tmp_path: Path, name: str) -> None:
+    people.WRITTEN[name](tmp_path / name)
+    assert_whole(load_recording(tmp_path / name, force=True))
+
+
+@pytest.mark.parametrize(
+    ("content", "columns"),
+    [
+        (text("Time,Displacement,Load", scale=1e3), ("s:Time", "mm:Displacement", "N:Load")),
+        (text("", scale=1e3), ("s:1", "mm:2", "N:3")),
+        (text("time_s,motor,a b", scale=1e3), (None, "mm:motor", "N:a b")),
+        (text("time_s,position_a_m,force_n\n"), None),
+    ],
+)
+def test_what_is_not_sure_is_asked_and_answered(
+    tmp_path: Path, content: str, columns: tuple[str | None, ...] | None
+) -> None:
+    path = written(tmp_path, content)
+    if columns is None:
+        assert_whole(load_recording(path))
+        return
+    with pytest.raises(UnclearError) as caught:
+        load_recording(path, force=True)
+    expected = zip(("time", "position", "force"), columns, strict=True)
+    assert caught.value.columns == {quantity: text for quantity, text in expected if text}
+    assert_whole(load_recording(path, Mapping(**caught.value.columns), force=True))
+
+
+def lines(header: str = _SI) -> list[str]:
+    return text(header).splitlines(keepends=True)
+
+
+def with_missing() -> str:
+    rows = lines()
+    rows[10] = rows[10].split(",")[0] + ",,1.0\n"
+    rows[20] = rows[20].split(",")[0] + ",0.01,NaN\n"
+    return "".join(rows)
+
+
+def doubled() -> str:
+    header, *rows = lines()
+    return header + "".join(row * 2 for row in rows)
+
+
+def run_twice() -> str:
+    rows = lines()
+    return "".join(rows + rows[1:])
+
+
+def misplaced() -> str:
+    rows = lines()
+    rows[10], rows[12] = rows[12], rows[10]
+    return "".join(rows)
+
+
+@pytest.mark.parametrize(
+    ("content", "count", "note"),
+    [
+        (with_missing(), 398, "2 of 400 rows dropped without one of the numbers"),
+        (
+            "".join([lines()[0], *(row * 2 for row in lines()[1:])]),
+            400,
+            "400 of 800 rows dropped that stand twice",
+        ),
+        (run_twice(), 800, "time goes back 1 time(s)"),
+        (misplaced(), 400, "2 rows put in their order"),
+        (text(_SI)[:-15], 399, "the last line, which is cut off"),
+    ],
+    ids=["missing", "doubled", "two_runs", "misplaced", "cut"],
+)
+def test_what_is_dropped_or_moved_is_said(tmp_path: Path, content: str, count: int, note: str) -> None:
+    recording = load_recording(written(tmp_path, content))
+    assert len(recording) == count
+    assert any(note in each for each in recording.notes)
+
+
+def test_rounded_stamps_are_spread_evenly(tmp_path: Path) -> None:
+    rounded = np.floor(100.0 * T_S + 1e-6) / 100.0
+    rows = [f"{t:.2f},{x:.7f},{f:.7f}" for t, x, f in zip(rounded, X_M, F_N, strict=True)]
+    recording = load_recording(written(tmp_path, "\n".join([_SI, *rows])))
+    np.testing.assert_allclose(recording.time_s, T_S, atol=1e-9)
+
+
+def test_two_runs_are_pieces(tmp_path: Path) -> None:
+    assert len(load_recording(written(tmp_path, run_twice())).segments()) == 2
+
+
+def test_a_mapping_names_columns_and_units(tmp_path: Path) -> None:
+    path = written(tmp_path, "t,laser: raw,load\n0,1,500\n20,2,-250\n40,4,0\n")
+    recording = load_recording(path, Mapping(time="ms:t", position="mm : laser: raw", force="mN:load"))
+    assert recording.time_s == pytest.approx([0.0, 0.020, 0.040])
+    assert recording.position_m == pytest.approx([0.001, 0.002, 0.004])
+    assert recording.force_n == pytest.approx([0.5, -0.25, 0.0])
+
+
+@pytest.mark.parametrize(
+    "mapping", [{"time": "h:t"}, {"position": "N:x"}, {"force": "load"}, {"position": ":x"}]
+)
+def test_mapping_without_unit_or_column_is_refused(mapping: dict[str, str]) -> None:
+    ((name, value),) = mapping.items()
+    with pytest.raises(RecordingError, match=f"^{name} = {value!r}: "):
+        Mapping(**mapping)
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        ("", ": empty file"),
+        ("\n \n", ": only blank lines"),
+        (_SI, ": no row of numbers"),
+        (f"{_SI}\n0,1,2\n", ": 1 sample(s)"),
+        (f"{_SI}\n0,1,2\n1,2\n2,3,4\n", ": line 3: 2 cell(s), expected 3"),
+        (f"{_SI}\n0,1,2\n1,x,3\n", ": line 3, column 'position_m': 'x', expected a number"),
+        ("time_s,x_m,x_mm,force_n\n0,1,1,2\n1,2,2,3\n", ": 'x_m', 'x_mm' may each be the position"),
+    ],
+)
+def test_a_table_that_can_not_be_used_is_one_line(tmp_path: Path, content: str, expected: str) -> None:
+    path = written(tmp_path, content)
+    with pytest.raises(RecordingError) as caught:
+        load_recording(path, force=True)
+    assert str(caught.value).startswith(f"{path}{expected}")
+    assert "\n" not in str(caught.value)
+
+
+def test_rubbish_and_cut_files_are_one_line(tmp_path: Path) -> None:
+    people.spreadsheet(tmp_path / "whole.xlsx")
+    cut = tmp_path / "cut.xlsx"
+    cut.write_bytes((tmp_path / "whole.xlsx").read_bytes()[:2000])
+    files = [
+        cut,
+        *(written(tmp_path, b"rubbish" * 100, each) for each in ("mcap", "mat", "tdms", "parquet", "bag")),
+    ]
+    for path in (*files, tmp_path, tmp_path / "none.csv"):
+        with pytest.raises(RecordingError) as caught:
+            load_recording(path)
+        assert str(caught.value).startswith(str(path))
+        assert "\n" not in str(caught.value)
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300, deadline=None)
+@given(st.text(alphabet='01.,;-e\n\r\t" nax\ufeff', max_size=60) | st.binary(max_size=60))
+def test_any_file_is_a_recording_or_one_line(tmp_path: Path, content: str | bytes) -> None:
+    body = content if isinstance(content, bytes) else content.encode()
+    path = written(tmp_path, b"time_s,position_m\n" + body)
+    try:
+        assert len(load_recording(path)) >= 2
+    except RecordingError as error:
+        assert str(error).startswith(str(path))
+        assert "\n" not in str(error)
