@@ -3,7 +3,7 @@ on the way in.
 """
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from itertools import count as numbers
 from typing import TypedDict, TypeVar
 
@@ -75,7 +75,6 @@ class Bus:
 
     Attributes:
         malformed: payloads refused by the codec, by topic name.
-        counters: what else is counted about this connection.
     """
 
     def __init__(
@@ -88,7 +87,6 @@ class Bus:
         self._batches: list[tuple[list[bytes], Put]] = []
         self._batched_ns = 0
         self.malformed: Counter[str] = Counter()
-        self.counters: Counter[str] = Counter()
 
     def publisher(self, topic: Topic[Message]) -> Publisher:
         """What of a batched topic the other end takes is put at once, the batch by `end_batches`."""
@@ -173,14 +171,9 @@ class Bus:
 
         return topic.taken_key(self._cell, self._axis), receive
 
-    @property
-    def refused(self) -> Mapping[str, int]:
-        return self._transport.refused()
-
     def counts(self) -> dict[str, int]:
         counted = list(self.malformed.items())  # at once: the transport's threads go on counting
-        malformed = {f"malformed_{name.replace('/', '_')}": n for name, n in counted}
-        return {**self.counters, **self.refused, **malformed}
+        return {f"malformed_{name.replace('/', '_')}": n for name, n in counted}
 
 
 def _sequence(received: tuple[Message, int]) -> int:

@@ -258,7 +258,7 @@ class SlaveAxis:
         finally:  # what can not be published is written down all the same
             if not self._session.live(now_ns):
                 self.events.session_lost(self._session.lost_reason, now_ns)
-            self.events.write({**dict(self._bus.malformed), **self._bus.refused}, now_ns, last)
+            self.events.write(dict(self._bus.malformed), now_ns, last)
 
     def _opened(self, session_id: int) -> None:
         self._receiver.open(session_id)

@@ -3,7 +3,7 @@
 import heapq
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import partial
 from itertools import count
 from typing import NamedTuple
@@ -111,9 +111,6 @@ class ImpairedTransport:
 
     def peers(self) -> int:
         return self._inner.peers()
-
-    def refused(self) -> Mapping[str, int]:
-        return self._inner.refused()
 
     def close(self) -> None:
         for lane in self._lanes():

@@ -1,7 +1,7 @@
 """The transport within one process, synchronous and in order: it carries the simulation in virtual time."""
 
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from forefeel.common.clock import Clock
 from forefeel.common.codec import Codec
@@ -84,9 +84,6 @@ class MemoryTransport:
 
     def peers(self) -> int:
         return 0 if self._closed else len(self._bus._others(self))
-
-    def refused(self) -> Mapping[str, int]:
-        return {}
 
     def close(self) -> None:
         if self._closed:

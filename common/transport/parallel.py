@@ -12,8 +12,7 @@ ends with a single connection, hear the plain key.
 """
 
 import threading
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from functools import partial
 from typing import Self
@@ -161,9 +160,6 @@ class ParallelTransport:
     def hint(self) -> str:
         """What may stand in the way, or empty."""
         return self._connecting[0].hint
-
-    def refused(self) -> Mapping[str, int]:
-        return sum((Counter(session.refused()) for session in self._sessions), Counter[str]())
 
     def close(self) -> None:
         """All of them; the first last, whose events are the latest."""

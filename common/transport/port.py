@@ -1,6 +1,6 @@
 """The transport port: what the daemons need of a network, and nothing more."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Protocol
 
 from forefeel.common.codec import Codec
@@ -59,12 +59,6 @@ class Transport(Protocol):
 
     def peers(self) -> int:
         """How many other sessions are connected now; 0 while the other end is waited for."""
-        ...
-
-    def refused(self) -> Mapping[str, int]:
-        """What was refused of strangers, by counter: payloads under a key that is none, for one with a
-        wildcard reaches every axis at once; connections of which no session came. Nothing where it is 0.
-        """
         ...
 
     def close(self) -> None:

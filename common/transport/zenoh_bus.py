@@ -2,7 +2,6 @@
 
 import os
 import threading
-from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
@@ -84,7 +83,6 @@ class ZenohTransport:
         self._now_ns = clock.now_ns
         self._on_fault = on_fault
         self._closed = False
-        self._refused = 0
         self._declared = ExitStack()
         self._declared.enter_context(session)
         self._threads: list[threading.Thread] = []
@@ -191,9 +189,6 @@ class ZenohTransport:
         hint = "a router answers there, and joins no two peers; expected mode: client (--through-router)"
         return hint if routed else ""
 
-    def refused(self) -> Mapping[str, int]:
-        return +Counter(refused_wildcard=self._refused)
-
     def close(self) -> None:
         """Undeclares, closes the session, waits for running handlers; not to be called from one."""
         if self._closed:
@@ -222,7 +217,6 @@ class ZenohTransport:
 
     def _deliver(self, sample: zenoh.Sample, receive: _Receive) -> None:
         if "*" in str(sample.key_expr):  # Zenoh delivers a put to `forefeel/**` to each of us
-            self._refused += 1
             return
         try:
             receive(sample)

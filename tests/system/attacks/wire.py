@@ -137,9 +137,7 @@ def wildcards(scene: Scene) -> Outcome:
     for key in keys:
         scene.attacker.put(key, stop)
     scene.attacker.put(f"forefeel/{CELL}/*/master/command", scene.command())
-    outcome = scene.end(Expected("refused_wildcard", 6, armed=_ARMED))
-    outcome.require("refused_wildcard" in (outcome.logged or {}), "not in the event log")
-    return outcome
+    return scene.end(Expected(armed=_ARMED))
 
 
 def oversized(scene: Scene) -> Outcome:
