@@ -8,7 +8,7 @@ from forefeel.common.causes.candidate import entry
 from forefeel.common.causes.model import SCHEMA, ContactModel
 from forefeel.common.causes.sensor import Bias
 from forefeel.common.causes.wall import MassDamperSpring
-from forefeel.common.error_size import Floats, rms
+from forefeel.common.error_size import rms
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import prepare
@@ -18,7 +18,6 @@ from forefeel.diagnosis.long_recording import cut
 from forefeel.diagnosis.regression import BASE
 
 DELAY_S = 0.3
-_EARLY_S = 10.0
 _LONGEST = 20_000  # samples that are replayed
 _LINEAR = ContactModel.from_mapping(
     {
@@ -31,21 +30,12 @@ _LINEAR = ContactModel.from_mapping(
 
 @dataclass(frozen=True, slots=True)
 class Across:
-    """rms errors in N across `delay_s`: of zoh, of forefeel with m, b, k and bias, and extended.
-
-    `early_n`, `late_n`: (before, after) in the first `early_s` that are scored, and from then on; None where
-    nothing is left. `contact_share`: of the time in which the extended contact model led the prediction: it
-    is all that a model.yaml changes, beside experts that learn from the late forces alone.
-    """
+    """rms errors in N across `delay_s`: of zoh, of forefeel with m, b, k and bias, and extended."""
 
     delay_s: float
     zoh_n: float
     before_n: float
     after_n: float
-    early_s: float
-    early_n: tuple[float, float]
-    late_n: tuple[float, float] | None
-    contact_share: float
 
 
 def across_delay(recording: Recording, extended: ContactModel) -> Across:
@@ -60,21 +50,8 @@ def across_delay(recording: Recording, extended: ContactModel) -> Across:
     before, after = (
         replay(recording, prepared.arrivals, METHODS["forefeel"](model)) for model in (_LINEAR, extended)
     )
-    stamps_s = recording.time_s[prepared.rows]
-    late = stamps_s >= stamps_s[0] + _EARLY_S
 
-    def errors(trace: MethodTrace) -> Floats:
-        return np.asarray((completed(trace, prepared.zoh) - prepared.force_n)[prepared.rows])
+    def error_n(trace: MethodTrace) -> float:
+        return rms(np.asarray((completed(trace, prepared.zoh) - prepared.force_n)[prepared.rows]))
 
-    hold, plain, new = map(errors, (prepared.zoh, before, after))
-    leading = np.array([each.startswith("contact") for each in after.leading])
-    return Across(
-        DELAY_S,
-        rms(hold),
-        rms(plain),
-        rms(new),
-        _EARLY_S,
-        (rms(plain[~late]), rms(new[~late])),
-        (rms(plain[late]), rms(new[late])) if late.any() else None,
-        float(np.mean(leading[prepared.rows])),
-    )
+    return Across(DELAY_S, error_n(prepared.zoh), error_n(before), error_n(after))

@@ -17,7 +17,7 @@ from forefeel.diagnosis.verdict import Diagnosis, Look
 from forefeel.report.drawing import AxisUnit, Figure, Layer, binned, cloud, line, loop, panel, spec
 from forefeel.report.template import render
 from forefeel.report.wording import plain_value, shown
-from forefeel.results.advice import next_steps, why_no_better
+from forefeel.results.advice import next_steps
 from forefeel.results.answer import failure, gain_text, headline, on_readings, said
 from forefeel.results.curves import LEFT, MODEL, Curves, Rows, near, strokes
 from forefeel.results.pictures import HEIGHT_PX, picture, sensor_picture, spectrum, timeline
@@ -48,7 +48,6 @@ def render_page(
         across=predicted,
         headline=headline(diagnosis),
         steps=next_steps(diagnosis, across),
-        why=list(why_no_better(diagnosis, predicted)) if predicted else [],
         said=said(diagnosis, across, None if given is None else given.name),
         gain=gain_text(diagnosis.held_out),
         on_readings=on_readings(diagnosis),
