@@ -1,8 +1,9 @@
-"""What to do after a verdict."""
+"""What to do after a verdict, and why an extended model does not predict better across a delay."""
 
 from typing import TYPE_CHECKING
 
 from forefeel.common.causes.catalogue import remedy
+from forefeel.common.estimation.contact_loaded import OF_ITS_RUN, TOLD_ANEW
 from forefeel.diagnosis.verdict import Diagnosis
 
 if TYPE_CHECKING:  # loads the predictor
@@ -47,3 +48,12 @@ def _with_the_model(across: "Across | str | None") -> list[str]:
 def better(across: "Across") -> bool:
     """Whether the extended model predicts better than mass, damper, spring and bias."""
     return across.after_n < (1.0 - _ALIKE) * across.before_n
+
+
+def why_no_better(diagnosis: Diagnosis, across: "Across") -> list[str]:
+    if better(across):
+        return []
+    names = [cause.name for cause in diagnosis.causes if cause.name not in {*OF_ITS_RUN, *TOLD_ANEW}]
+    if not names:
+        return ["no better: what was found in one run says nothing of the next, and is learned anew"]
+    return ["no better: the predictor learned as much from the late forces"]

@@ -9,7 +9,7 @@ from forefeel.common.events.text import quantity
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.verdict import Cause, Diagnosis, ExpectedGain, HeldOut, Look
 from forefeel.report.wording import DISCLAIMER, shown, split_unit
-from forefeel.results.advice import next_steps
+from forefeel.results.advice import next_steps, why_no_better
 
 if TYPE_CHECKING:
     from forefeel.diagnosis.prediction import Across
@@ -103,7 +103,7 @@ def said(
         *(("Cause", _cause(cause)) for cause in diagnosis.causes),
         ("Extended", [_extended(diagnosis, given)] if found else []),
         ("Elsewhere", _elsewhere(diagnosis.other_motion)),
-        ("Predicted", _predicted(across) if found else []),
+        ("Predicted", _predicted(diagnosis, across) if found else []),
         ("Model", _model(diagnosis)),
         *(("Caution", [text]) for text in _unknown(diagnosis)),
         *(("Caution", [FLAGS.get(flag, flag.replace("_", " "))]) for flag in diagnosis.flags),
@@ -220,7 +220,7 @@ def _unknown(diagnosis: Diagnosis) -> list[str]:
     ]
 
 
-def _predicted(across: "Across | str | None") -> list[str]:
+def _predicted(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]:
     if across is None:
         return []
     if isinstance(across, str):
@@ -228,4 +228,5 @@ def _predicted(across: "Across | str | None") -> list[str]:
     return [
         f"{1e3 * across.delay_s:.0f} ms ahead, rms: {quantity(across.before_n, 'N')} before, "
         f"{quantity(across.after_n, 'N')} extended, {quantity(across.zoh_n, 'N')} by a zero-order hold",
+        *why_no_better(diagnosis, across),
     ]
