@@ -183,20 +183,6 @@ def keep_prior(
     return stored
 
 
-def forget_prior(directory: Path, instrument: str, patient: str) -> Path:
-    """Removes the file, whatever it holds.
-
-    Raises:
-        ConfigurationError: a bad key, no such file, or it can not be removed.
-    """
-    path = prior_path(directory, instrument, patient)
-    try:
-        path.unlink()
-    except OSError as error:
-        raise ConfigurationError(f"{path}: {error.strerror}; expected a prior") from error
-    return path
-
-
 def _write(path: Path, document: dict[str, Any]) -> None:
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:

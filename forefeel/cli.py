@@ -41,8 +41,6 @@ COMMANDS = {
     "hysteresis.",
     "calibrate stage": "Home twice and go from end to end; asks before it moves. Take the instrument out.",
     "prior list": "List what was learned of the contact: instrument, patient, date, contact, sessions.",
-    "prior show": "Show what was learned of one instrument in one patient: parameters and deviations.",
-    "prior forget": "Remove what was learned of one instrument in one patient.",
     "pki init": "Make an authority and certificates for each host; again: add hosts, renew what ends soon.",
     "pki show": "Show names, hosts and expiry; exit 1 where one is red.",
 }

@@ -25,7 +25,6 @@ ANSWERS = {
     "doctor": None,
     "pki show @/pki": None,
     "prior list --dir @/priors": None,
-    "prior show --dir @/priors --instrument catheter --patient A": None,
     "evaluate @/recordings/strokes.csv --out @/out": "evaluation.json",
     "diagnose @/recordings/strokes.csv --out @/out": "diagnosis.json",
     "report @/run.mcap --out @/out": "report.json",
