@@ -12,36 +12,24 @@ from typing import Any
 from wsgiref.simple_server import WSGIServer
 
 from prometheus_client import CollectorRegistry, start_http_server
-from prometheus_client.core import (
-    CounterMetricFamily,
-    GaugeMetricFamily,
-    HistogramMetricFamily,
-    Metric,
-)
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily, Metric
 from prometheus_client.registry import Collector
 
 from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.codec import counted, decode
 from forefeel.common.errors import CodecError, EndpointError, RunError
 from forefeel.common.messages import (
-    LimitEvent,
     LoopTiming,
-    MasterEvent,
     MasterState,
     Message,
     ModelParameters,
-    SafetyEvent,
     SafetyState,
     SlaveState,
 )
 from forefeel.common.topics import (
-    LIMIT_EVENT,
-    MASTER_EVENT,
-    MASTER_LIMIT,
     MASTER_STATE,
     MASTER_TIMING,
     PARAMETERS,
-    SAFETY_EVENT,
     SLAVE_STATE,
     SLAVE_TIMING,
     parse_key,
@@ -54,13 +42,8 @@ from forefeel.reachability import cell_watch
 from forefeel.terminal import say
 
 _POLL_S = 0.2
-_STATES = (SLAVE_STATE, MASTER_STATE, PARAMETERS, MASTER_TIMING, SLAVE_TIMING)
-_EVENTS = (LIMIT_EVENT, MASTER_LIMIT, SAFETY_EVENT, MASTER_EVENT)
-_READ = {topic.name: topic for topic in (*_STATES, *_EVENTS)}
-_MOST_AXES, _MOST_NAMES = 32, 64  # that are counted apart: both come from the network
-_OTHER = "other"
-
-
+_READ = {topic.name for topic in (SLAVE_STATE, MASTER_STATE, PARAMETERS, MASTER_TIMING, SLAVE_TIMING)}
+_MOST_AXES = 32  # whose names come from the network
 Kind = type[CounterMetricFamily | GaugeMetricFamily | HistogramMetricFamily]
 
 
@@ -92,11 +75,9 @@ class CellMetrics(Collector):
         self.axes: set[str] = set()
         self._counts: Counter[tuple[str, str]] = Counter()
         self._newest: dict[tuple[str, str], tuple[Message, int]] = {}
-        self._limits: Counter[tuple[str, str, str]] = Counter()
-        self._events: Counter[tuple[str, str, str]] = Counter()
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        """A payload from the network; the 1 kHz streams are counted only."""
+        """A payload from the network; what is no state is counted only."""
         parsed = parse_key(key)
         if parsed is None:
             return
@@ -110,19 +91,9 @@ class CellMetrics(Collector):
             if topic.name not in _READ:
                 return
             try:
-                self._take(axis, topic.name, decode(topic.message, payload), receive_ns)
+                self._newest[axis, topic.name] = decode(topic.message, payload), receive_ns
             except CodecError:
                 self.malformed += 1
-
-    def _take(self, axis: str, name: str, message: Message, receive_ns: int) -> None:
-        role = name.partition("/")[0]
-        match message:
-            case LimitEvent():
-                self._limits[_known(self._limits, (axis, role, message.rule))] += message.count
-            case SafetyEvent() | MasterEvent():
-                self._events[_known(self._events, (axis, role, message.event))] += 1
-            case _:
-                self._newest[axis, name] = message, receive_ns
 
     def collect(self) -> Iterator[Metric]:
         found, now_ns = Families(), self._clock.now_ns()
@@ -134,19 +105,7 @@ class CellMetrics(Collector):
                 age_s = (now_ns - receive_ns) * 1e-9
                 found.gauge("state_age_seconds", "since the newest", age_s, axis=axis, topic=topic)
                 _add(found, axis, topic.partition("/")[0], message)
-            for (axis, role, rule), count in sorted(self._limits.items()):
-                found.counter(
-                    "limits", "interventions, by their rule", count, axis=axis, role=role, rule=rule
-                )
-            for (axis, role, event), count in sorted(self._events.items()):
-                text = "transitions, by their event"
-                found.counter("transitions", text, count, axis=axis, role=role, event=event)
         yield from found.values()
-
-
-def _known(counts: Counter[tuple[str, str, str]], key: tuple[str, str, str]) -> tuple[str, str, str]:
-    """The key, or one for all that came after so many: names come from the network."""
-    return key if key in counts or len(counts) < _MOST_NAMES else (key[0], key[1], _OTHER)
 
 
 def _add(found: Families, axis: str, role: str, message: Message) -> None:
