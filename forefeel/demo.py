@@ -60,6 +60,7 @@ def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float =
 
         tell(f"1 of 3: {duration_s:g} s in a vessel that nothing is known of, 300 ms away")
         first = recorded_run(options, first_out, viewer, overwrite=True)
+        written.append(f"first/{RECORDING}")
         judge(first)
         pages["first run"] = first_out / REPORT
         tell("2 of 3: what did the contact model lack? The diagnosis looks for it", first_out / RECORDING)
@@ -105,7 +106,7 @@ def _lines(first: RunReport, found: Diagnosis, second: RunReport, out: Path, pag
         f"Second run  starts with {_known(found)}: {_within(after)}",
         f"Files       report.html, report.json, {RECORDING} in {out}; first and diagnosis beside them",
         f"Page        {page}",
-        "Next        forefeel diagnose your.csv",
+        f"Next        forefeel diagnose {out / RECORDING} --out {out / 'again'}, or your.csv in its place",
         DISCLAIMER,
         last if after.ratio is None else f"{last}, {after.ratio:.2f} of the late force's",
     ]

@@ -56,6 +56,7 @@ class Recorder:
 
         Raises RecordingError when the file can not be made, EndpointError when an endpoint can not be used.
         """
+        self.path = path
         self.newest: dict[str, bytes] = {}
         self.rounds = 0
         self._error: BaseException | None = None

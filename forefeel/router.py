@@ -44,6 +44,7 @@ def _greet(settings: RouterSettings, notice: str) -> None:
     transport = settings.transport
     how = f"with the certificates in {transport.pki}" if transport.pki else "without certificates"
     say(f"router: listening on {', '.join(transport.listen)} {how}; cells {', '.join(settings.cells)}")
+    say("router: slave and master need transport.mode: client and this host in transport.connect")
 
 
 def _watch(session: zenoh.Session, duration_s: float | None, stop: Stop) -> None:

@@ -6,6 +6,7 @@ elsewhere stderr gets plain lines. `--json` and `--quiet` are set with `output`,
 
 import json
 import os
+import shlex
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -49,6 +50,22 @@ def say(text: str) -> None:
     """A remark: one line on stderr."""
     if not _mode.quiet:
         ask(text)
+
+
+def suggest(*words: object, head: str = "next", **options: object) -> None:
+    """A remark: the command to type next, as it stands; none beside a document.
+
+    Args:
+        head: when, or where, it is to be typed.
+        options: by their names; True: a flag; a list: repeated; None and False: left out.
+    """
+    line = ["forefeel", *words]
+    for name, value in options.items():
+        for each in value if isinstance(value, list) else [value]:
+            if each is not None and each is not False:
+                line += [f"--{name.replace('_', '-')}", each][: 1 if each is True else 2]
+    if not _mode.as_json:
+        say(f"{head}: {shlex.join(map(str, line))}")
 
 
 def ask(text: str) -> None:

@@ -1,12 +1,13 @@
 """`forefeel calibrate`: load cells and stages."""
 
+from os.path import relpath
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from forefeel.commands.options import AsJson, Quiet, examples, number
-from forefeel.terminal import output
+from forefeel.terminal import output, say, suggest
 
 ConfigFile = Annotated[Path, typer.Option("--config", metavar="FILE", help="The slave's YAML file.")]
 Axis = Annotated[str, typer.Option("--axis", metavar="NAME", help="Which axis of it.")]
@@ -53,6 +54,7 @@ def load_cell(  # noqa: PLR0913, PLR0917 - one parameter per option
             settle_s=settle,
             residual_share=max_residual,
         )
+        _use(config, axis, "load_cell", out)
 
 
 @examples("forefeel calibrate stage --config slave.yaml --axis insertion --out stage.yaml")
@@ -71,3 +73,9 @@ def stage(  # noqa: PLR0913, PLR0917 - one parameter per option
 
     with output(as_json, quiet):
         run_stage(Target(config, axis, out, yes, overwrite, valid_days), velocity)
+        _use(config, axis, "stage", out)
+
+
+def _use(config: Path, axis: str, slot: str, out: Path) -> None:
+    say(f"write into {config}, axis {axis}: {slot}: {{calibration: {relpath(out, config.parent)}}}")
+    suggest("device", "probe", config=config)

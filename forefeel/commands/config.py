@@ -1,14 +1,18 @@
 """`forefeel config`: settings."""
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from forefeel.commands.options import AsJson, Quiet, examples
 from forefeel.common.config import dump_yaml
 from forefeel.daemon_settings import load_any
-from forefeel.terminal import answer, output
+from forefeel.terminal import answer, output, say, suggest
+
+_NEXT = {"slave": "doctor", "master": "doctor", "recorder": "record", "viewer": "dashboard"}
+"""By role; the doctor looks at what a file does not say: certificates, devices, this host."""
 
 
 @examples("forefeel config check deploy/config/slave.yaml")
@@ -18,3 +22,15 @@ def check(
     settings = load_any(file)
     with output(as_json, quiet):
         answer(dump_yaml(settings).rstrip("\n"), document=lambda: settings.model_dump(mode="json"))
+        if not as_json:
+            _verdict(file, settings.model_dump(mode="json"))
+
+
+def _verdict(file: Path, found: Mapping[str, Any]) -> None:
+    role, pki = found["role"], found["transport"]["pki"]
+    cells = found["cells"] if role == "router" else [found["cell"]]
+    axes = "".join(f", axis {axis['name']}" for axis in found.get("axes", ()))
+    links = f"certificates in {pki}" if pki else "no certificates"
+    say(f"Verdict  valid: {role} of {'cells' if cells[1:] else 'cell'} {', '.join(cells)}{axes}; {links}")
+    command = _NEXT.get(role, role)
+    suggest(command, config=file, out="run.mcap" if command == "record" else None)

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from forefeel.commands.options import AsJson, Quiet, examples, number
-from forefeel.terminal import output
+from forefeel.terminal import output, suggest
 
 
 @examples("forefeel device probe --config deploy/config/slave.yaml")
@@ -20,3 +20,4 @@ def probe(
 
     with output(as_json, quiet):
         run_probe(config, seconds)
+        suggest("doctor", config=config)

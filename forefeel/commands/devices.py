@@ -1,7 +1,7 @@
 """`forefeel devices`."""
 
 from forefeel.commands.options import AsJson, Quiet, examples
-from forefeel.terminal import output
+from forefeel.terminal import output, suggest
 
 
 @examples("forefeel devices", "forefeel devices --json")
@@ -10,3 +10,4 @@ def devices(as_json: AsJson = False, quiet: Quiet = False) -> None:
 
     with output(as_json, quiet):
         run_devices()
+        suggest("device", "probe", "--help")

@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from forefeel.commands.options import AsJson, Quiet, examples
-from forefeel.terminal import SHADES, answer, output, say, table
+from forefeel.daemon_settings import load_daemon
+from forefeel.terminal import SHADES, answer, output, say, suggest, table
 
 
 @examples(
@@ -45,4 +46,9 @@ def doctor(
         }
         answer(shown, ", ".join(f"{n} {level}" for level, n in counts.items()), document=lambda: document)
         if worst == "red":
+            suggest("doctor", head="when that is mended", config=config)
             raise typer.Exit(1)
+        if config:
+            suggest(load_daemon(config[0]).role, config=config[0])
+        else:
+            suggest("loopback", impairment="paper")

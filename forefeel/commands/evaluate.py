@@ -1,5 +1,6 @@
 """`forefeel evaluate`."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -14,7 +15,7 @@ from forefeel.commands.options import (
     TimeColumn,
     examples,
 )
-from forefeel.terminal import output
+from forefeel.terminal import output, suggest
 
 
 @examples(
@@ -50,3 +51,7 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     with output(as_json, quiet):
         columns = Mapping(time_column, position_column, force_column)
         run_evaluation(files, link, model, columns, out, overwrite)
+        if model:
+            suggest("loopback", impairment="paper", master_model=model)
+        else:
+            suggest("diagnose", files[0], out=out, **asdict(columns))

@@ -2,7 +2,7 @@
 
 from forefeel.commands.options import DaemonConfig, Duration, Insecure, Quiet, examples
 from forefeel.daemon_settings import load_daemon
-from forefeel.terminal import output
+from forefeel.terminal import output, suggest
 
 
 @examples("forefeel master --config deploy/config/master.yaml")
@@ -12,4 +12,6 @@ def master(
     from forefeel.daemons import run_daemon  # noqa: PLC0415 - the help needs none of it
 
     with output(quiet=quiet):
-        run_daemon(load_daemon(config, "master"), duration, insecure)
+        settings = load_daemon(config, "master")
+        suggest("estop", head="to stop it, from another terminal", config=config)
+        run_daemon(settings, duration, insecure)

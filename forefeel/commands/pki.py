@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from forefeel.commands.options import AsJson, Quiet, examples
-from forefeel.terminal import SHADES, answer, output, table
+from forefeel.terminal import SHADES, answer, output, suggest, table
 from forefeel.terminal import show as say
 
 Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The folder of certificates.")]
@@ -41,6 +41,7 @@ def init(
     for place, what in done.items():
         say(f"{what:<9} {place}")
     say(f"copy each folder to its host, for transport.pki; keep {folder / AUTHORITY_KEY} off the hosts")
+    suggest("pki", "show", folder)
 
 
 @examples("forefeel pki show pki", "forefeel pki show pki --json")
@@ -58,5 +59,6 @@ def show(folder: Folder, as_json: AsJson = False, quiet: Quiet = False) -> None:
             shown.add_row(Text(row.colour, SHADES[row.colour]), *map(Text, cells))
         advice = [f"{row.colour}: {row.advice}" for row in rows if row.advice]
         answer(shown, *advice, document=lambda: [asdict(row) for row in rows])
+        suggest(*(["pki", "init", folder] if advice else ["doctor"]))
         if any(row.colour == "red" for row in rows):
             raise typer.Exit(1)

@@ -7,7 +7,7 @@ import typer
 
 from forefeel.commands.options import AsJson, Quiet, examples
 from forefeel.common.errors import ConfigurationError
-from forefeel.terminal import answer, output, table, warn
+from forefeel.terminal import answer, output, suggest, table, warn
 
 _SHOWN = {"instrument", "patient", "date", "contact_s", "sessions"}
 
@@ -36,3 +36,4 @@ def list(
             contact_s, sessions = f"{found.contact_s:.0f}", str(found.sessions)
             shown.add_row(row["instrument"], row["patient"], row["date"], contact_s, sessions)
         answer(shown, document=lambda: rows)
+        suggest("loopback", prior_dir=folder, patient=rows[0]["patient"] if rows else None)

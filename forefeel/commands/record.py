@@ -16,7 +16,7 @@ from forefeel.commands.options import (
     ThroughRouter,
     examples,
 )
-from forefeel.terminal import output
+from forefeel.terminal import output, suggest
 
 
 @examples(
@@ -40,3 +40,4 @@ def record(  # noqa: PLR0913, PLR0917 - one parameter per option
     found = observer(config, cell, connect or [], pki, through_router)
     with output(quiet=quiet):
         run_record(out, found, duration, insecure)
+        suggest("report", out, out=out.with_suffix(""))

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from forefeel.commands.options import PositionColumn, Quiet, examples, number
-from forefeel.terminal import output
+from forefeel.terminal import output, suggest
 
 
 @examples(
@@ -48,3 +48,4 @@ def simulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     )
     with output(quiet=quiet):
         run_simulation(options, out, overwrite)
+        suggest("diagnose", out, overwrite=overwrite)

@@ -25,7 +25,7 @@ from forefeel.master.settings import MasterSettings
 from forefeel.probe.configured import configured
 from forefeel.slave.plant.settings import WorldSettings, preset
 from forefeel.slave.settings import SlaveSettings
-from forefeel.terminal import complain
+from forefeel.terminal import complain, suggest
 
 _PRIORITY = 60  # of SCHED_FIFO, above the daemons' loops: the device stands for hardware of its own
 _NUMBER = re.compile(r"-?\d{1,6}(\.\d*)?")
@@ -93,6 +93,8 @@ def _emulated(
     else:
         where = f"on {getattr(settings, emulation.port_key)}"
     print(f"{options.device} {where}", flush=True)
+    if options.config is not None:
+        suggest("device", "probe", head="from another terminal", config=options.config)
     return bench, load
 
 

@@ -17,7 +17,7 @@ from forefeel.common.events.console import printable
 from forefeel.common.state.folder import unnamed_path
 from forefeel.common.yaml_file import load_yaml
 from forefeel.local.client import LONGEST_TEXT, Request, ask
-from forefeel.terminal import say
+from forefeel.terminal import say, suggest
 
 EXAMPLES = (
     "forefeel estop --config deploy/config/slave.yaml --reason 'catheter kinked'",
@@ -141,6 +141,8 @@ def _stopped_here(config: Path, reason: str) -> bool:
     if not answer.done:
         raise RunError("; ".join(lines))
     _tell(*lines, _stopped())
+    if answer.role == "slave":
+        suggest("clear", config=config)
     return True
 
 

@@ -73,7 +73,8 @@ def run_real(
             if recorder is not None:
                 recorder.close()
         if stop.wanted():
-            raise RunError("interrupted; both ends stopped in order and the recording is closed")
+            what = f"the recording is {recorder.path}" if recorder else "nothing was recorded"
+            raise RunError(f"interrupted; both ends stopped in order; {what}")
     for child in (slave, master, *devices):
         child.check()
 

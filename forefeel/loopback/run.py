@@ -15,7 +15,7 @@ from forefeel.loopback.hardware import check_hardware, on_bench
 from forefeel.loopback.plan import STATE, LoopbackOptions, Plan, make_plan
 from forefeel.loopback.real import run_real
 from forefeel.loopback.viewer import DashboardProcess
-from forefeel.terminal import Show, answer, bar, say, warn
+from forefeel.terminal import Show, answer, bar, say, suggest, warn
 
 if TYPE_CHECKING:
     from forefeel.report.model import RunReport
@@ -48,6 +48,7 @@ def run_loopback(
 
         answer(*ten_lines(report, folder), document=report.to_json)
         judge(report)
+        suggest("diagnose", folder / RECORDING, out=folder / "diagnosis", overwrite=overwrite)
         if viewer is not None:
             pages = {"report": (folder / REPORT).absolute()}
             viewer.stay(Chapter(head="The run has ended", recording=folder / RECORDING, pages=pages))

@@ -34,7 +34,7 @@ from forefeel.report.template import render
 from forefeel.report.traces import AxisTraces, ParameterTraces, axis_traces
 from forefeel.report.transparency import JND_FLOOR_N, JND_SHARE, Transparency
 from forefeel.report.wording import DISCLAIMER, in_order, micros, named, number, ratio, scale, share
-from forefeel.terminal import answer
+from forefeel.terminal import answer, suggest
 
 FILES = ("report.json", "report.html")
 _TRIM = 0.002
@@ -85,10 +85,13 @@ def run_report(recording: Path, out: Path, overwrite: bool) -> None:
         RunError: interrupted, or the report can not be written.
     """
     with ends_in_order("report", out) as written:
-        report, pages = make_pages(Run(recording))
+        run = Run(recording)
+        report, pages = make_pages(run)
         fresh_folder(out, FILES, "an earlier report", overwrite)
         write_all(out, pages, written)
     answer(*ten_lines(report, out), document=report.to_json)
+    axis = report.axis if run.axes[1:] else None
+    suggest("diagnose", recording, axis=axis, out=out / "diagnosis", overwrite=overwrite)
 
 
 def make_pages(run: Run) -> tuple[RunReport, Mapping[str, str]]:

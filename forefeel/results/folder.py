@@ -19,7 +19,7 @@ from forefeel.report.wording import DISCLAIMER
 from forefeel.results.answer import named, noise_text
 from forefeel.results.examine import FILES, JSON, PAGE, Result, Task
 from forefeel.results.parallel import TaskOutcome, outcomes
-from forefeel.terminal import answer, bar, complain, say, table
+from forefeel.terminal import answer, bar, complain, say, suggest, table
 
 SUMMARY, SCHEMA = "summary.json", "forefeel.diagnoses/1"
 EARLIER = "an earlier diagnosis"
@@ -69,6 +69,8 @@ def run_folder(task: Task, out: Path, jobs: int, scheduler: str | None, overwrit
         raise RunError(
             f"{len(summary.failed)} of {len(files)} recordings failed; {SUMMARY} in {out} says why"
         )
+    if len(summary.diagnosed) > 1:
+        suggest("diagnose", task.file, "--together", out=out / "together", **asdict(task.columns))
 
 
 def recordings_in(folder: Path) -> list[Path]:

@@ -1,15 +1,15 @@
 """One diagnosis from its options to the answer."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.files import folder_named_after, fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
-from forefeel.results.examine import FILES, JSON, PAGE, Task, Tell, examine
+from forefeel.results.examine import FILES, JSON, MODEL, PAGE, Task, Tell, examine
 from forefeel.results.folder import EARLIER, recordings_in, run_folder, save
-from forefeel.terminal import answer, complain, say
+from forefeel.terminal import answer, complain, say, suggest
 
 _LONG = {
     "search": "searching for causes",
@@ -66,6 +66,8 @@ def run_diagnosis(
         answer(*result.lines, where, document=lambda: result.texts[JSON])
         if task.page:
             draw(page, name, out, written)
+        if result.diagnosis.verdict in {"cause_found", "nothing_missing"} and task.axis is None:
+            suggest("evaluate", first, *beside, model=out / MODEL, out=out, **asdict(task.columns))
 
 
 def draw(page: Callable[[], str], name: str, out: Path, written: list[str]) -> None:

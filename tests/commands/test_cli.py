@@ -84,7 +84,7 @@ def test_a_loopback_run_reports_as_its_recording_does_and_replaces_itself_only_w
     assert run(line) == 0
     said = capsys.readouterr()
     report = said.out
-    assert said.err == ""
+    assert said.err == f"next: forefeel diagnose {out}/recording.mcap --out {out}/diagnosis\n"
     assert len(report.splitlines()) == 10
     assert json.loads((out / "report.json").read_text())["armed_share"] > 0.9
     assert {"recording.mcap", "report.json", "report.html"} <= {path.name for path in out.iterdir()}

@@ -62,7 +62,7 @@ def test_stop_asks_the_daemon_and_says_its_answer(
     assert daemon.asked == [(folder / "st", Request("estop", "--kinks"))]
     shown = capsys.readouterr()
     assert shown.out.splitlines()[0] == "slave: axis insertion: estopped, pressed"
-    assert "stopped in" in shown.out and shown.err == ""
+    assert "stopped in" in shown.out and shown.err == "next: forefeel clear --config slave.yaml\n"
 
 
 def test_full_stdout_takes_the_words_and_not_the_stop(
