@@ -3,7 +3,7 @@
 "Study on Contact Force Prediction for the Vascular Interventional Surgical Robot based on Parameter
 Identification": figures 4 and 5 are its simulation x = sin t, figures 7 to 10 are made on a simulated bench.
 
-    python -m studies.paper --out out/paper     # paper.html, a PNG of each figure, the tables on stdout
+    python -m studies.paper --out out/paper     # a PNG of each figure, the tables on stdout
 
 At time t the forces stamped <= t - delay have arrived, without a delay those before t. The prediction for t
 is phi(t)' theta with what those have taught: every prediction is a priori.
@@ -42,7 +42,6 @@ from forefeel.diagnosis.evaluation.rls import PRIOR_VARIANCE, RecursiveLeastSqua
 from forefeel.loopback.plan import AXIS, LoopbackOptions, make_plan, resisting_sign
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.score import first_answers
-from forefeel.report.template import environment
 from studies import plotting
 from studies.plotting import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILION
 
@@ -313,7 +312,7 @@ def measured_run(path: Path) -> ComparedRun:
     return compared(path.stem, recording, np.where(trace.answered, trace.force_n, hold_n))
 
 
-# --- the sections of the page ---
+# --- the sections ---
 
 
 @dataclass(frozen=True, slots=True)
@@ -649,30 +648,9 @@ def newton(value: float) -> str:
 
 # --- the command ---
 
-_PAGE = """\
-{% extends "report/base.html.j2" %}
-{% from "report/parts.html.j2" import head, row %}
-{% set title, kind = "studies.paper", "python -m studies.paper" %}
-{% set heading = "Contact force prediction by parameter identification: the paper, reproduced" %}
-{% block main %}
-<div class="card"><table>{{ head(["", "the paper says", "we get"]) }}
-{% for section, _ in sections %}{% for line in section.comparison %}{{ row(line) }}{% endfor %}{% endfor %}
-</table></div>
-{% for section, file in sections %}
-<h2>{{ section.title }}</h2>
-<p>{{ section.caption }}</p>
-{% if file %}<img src="{{ file }}" alt="{{ section.title }}" style="width:100%">{% endif %}
-<div class="card"><table>{{ head(section.rows[0]) }}
-{% for line in section.rows[1:] %}{{ row(line) }}{% endfor %}
-</table></div>
-{% endfor %}
-{% for text in skipped %}<p>{{ text }}</p>{% endfor %}
-{% endblock %}
-"""
-
 
 def make(out: Path, folders: Sequence[Path], seed: int, duration_s: float) -> None:
-    """Computes everything, writes the page and the figures, prints the tables."""
+    """Computes everything, writes the figures, prints the tables."""
     benches = [bench_run(what, style, duration_s, seed) for what in BOUNDS_N for style in STYLES]
     runs, skipped = list(benches), []
     for path in sorted(path for folder in folders for path in folder.iterdir()):
@@ -681,25 +659,22 @@ def make(out: Path, folders: Sequence[Path], seed: int, duration_s: float) -> No
                 runs.append(measured_run(path))
             except RecordingError as error:
                 skipped.append(f"{path.name} skipped: {error}")
-    pages = []
     with plotting.styled():
         normal = [run for run in benches if run.style == "normal"]
         sections = [simulation(), *map(bench, normal), not_identifiable(), wind_up(), memory(), unmodelled()]
         for one in (*sections, baseline(runs), thresholds(benches)):
-            file = re.sub(r"\W+", "_", one.title.partition(":")[0]).strip("_").lower() + ".png"
-            pages.append((one, file if one.figure else ""))
             if one.figure:
-                one.figure.savefig(out / file, dpi=120)
-            print(f"\n{one.title}", *(" | ".join(line) for line in (*one.comparison, *one.rows)), sep="\n  ")
-    page = environment().from_string(_PAGE).render(sections=pages, skipped=skipped)
-    (out / "paper.html").write_text(page, encoding="utf-8")
-    print("", *skipped, f"paper.html and its figures are in {out}", sep="\n")
+                name = re.sub(r"\W+", "_", one.title.partition(":")[0]).strip("_").lower()
+                one.figure.savefig(out / f"{name}.png", dpi=120)
+            table = (" | ".join(line) for line in (*one.comparison, *one.rows))
+            print(f"\n{one.title}", one.caption, *table, sep="\n  ")
+    print("", *skipped, f"the figures are in {out}", sep="\n")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """The command line; exit 1: a run failed, 2: wrong input."""
     parser = argparse.ArgumentParser(prog="python -m studies.paper", description=__doc__.partition("\n")[0])
-    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for page and figures")
+    parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for the figures")
     parser.add_argument(
         "--recordings",
         type=Path,
