@@ -1,6 +1,5 @@
 """Terminals and a shell that we did not write."""
 
-import io
 import os
 import pty
 import subprocess
@@ -10,9 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from forefeel import terminal
 from tests.commands.command_line import ROOT
-from tests.commands.test_terminal import Terminal
 
 
 def in_a_process(words: list[str], stdout: int, stderr: int, **variables: str) -> int:
@@ -67,18 +64,6 @@ def test_a_bar_is_for_a_terminal_and_the_answer_for_a_pipe(simulation: list[str]
     assert answer.count("\n") == 1
     code, bar, answer = on_a_terminal([*simulation, "--quiet"])
     assert (code, bar, answer) == (0, "", "")
-
-
-def test_an_answer_while_a_bar_is_shown_goes_to_stdout(monkeypatch: pytest.MonkeyPatch) -> None:
-    out, err = io.StringIO(), Terminal()
-    monkeypatch.setattr(sys, "stdout", out)
-    monkeypatch.setattr(sys, "stderr", err)
-    with terminal.bar(1.0) as show:
-        show(0.5, "a")
-        terminal.answer("found", document=dict)
-        terminal.say("a remark")
-    assert out.getvalue() == "found\n"
-    assert "a remark" in err.getvalue()
 
 
 def test_bash_itself_completes_with_the_script_that_is_installed(tmp_path: Path) -> None:
