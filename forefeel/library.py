@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError, RecordingError, UnclearError
 from forefeel.common.estimation.predictor import Predictor
+from forefeel.common.events.text import shown_unit, units_of
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.array_tables import table_of
 from forefeel.common.recording.loading import load_recording, recording_of
@@ -133,8 +134,9 @@ class Diagnosis:
         for name, force_n in (("simulation", curves.simulated), ("extended", curves.extended)):
             above.plot(t, force_n[rows], linewidth=1, label=name)
             below.plot(t, (curves.force - force_n)[rows], linewidth=1, label=f"left by {name}")
-        above.set(title=self.lines[1], ylabel="force, N")
-        below.set(xlabel="time, s", ylabel="left, N")
+        with units_of(self.recording.columns):
+            above.set(title=self.lines[1], ylabel=f"force, {shown_unit('N')}")
+            below.set(xlabel="time, s", ylabel=f"left, {shown_unit('N')}")
         above.legend()
         return figure
 
@@ -168,10 +170,11 @@ def diagnosed(
     as_is: bool = False,
 ) -> Diagnosis:
     """As `diagnose`; `progress` is told each stage before it starts."""
-    for recording in recordings:
-        if not as_is and (asked := question(recording)) is not None:
-            raise _doubt(recording, asked)
-    found = _diagnose(recordings[0], progress, given, recordings[1:])
+    with units_of(*[each.columns for each in recordings]):
+        for recording in recordings:
+            if not as_is and (asked := question(recording)) is not None:
+                raise _doubt(recording, asked)
+        found = _diagnose(recordings[0], progress, given, recordings[1:])
     named = found.diagnosis.verdict == "cause_found"
     title = f"{found.recording.name}, extended by its diagnosis"
     if not named:  # a model of a recording whose cause is not named is no finding
@@ -213,7 +216,9 @@ class Evaluation:
         return own / held if own is not None and held else None
 
     def __str__(self) -> str:
-        sizes = ("diverged" if rms_n is None else f"{rms_n:.4g} N rms" for rms_n in self.rms_n.values())
+        with units_of(self.details.prepared.recording.columns):
+            unit = shown_unit("N")
+        sizes = ("diverged" if rms_n is None else f"{rms_n:.4g} {unit} rms" for rms_n in self.rms_n.values())
         rows = [f"{name:<10} {size}" for name, size in zip(self.rms_n, sizes, strict=True)]
         return "\n".join([f"{self.delay_s:g} s late", *rows])
 

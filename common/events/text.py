@@ -3,7 +3,11 @@
 Texts may hold what came from the network; who shows them makes them `printable`.
 """
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from math import floor, log10
+from typing import Any
 
 from forefeel.common.messages import (
     EmergencyStop,
@@ -29,6 +33,7 @@ _LIMITED = {
 }
 """What became of a motion or a force by a rule; of others that they were limited."""
 
+_UNITS = ContextVar("units", default=("m", "N"))
 PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: ""}
 
 
@@ -73,10 +78,35 @@ def _limit(event: LimitEvent) -> str:
     return f"{words}: {applied} in place of {asked}{times}"
 
 
+@contextmanager
+def units_of(*columns: Mapping[Any, str]) -> Iterator[None]:
+    """In the body rad are shown for m, and N m for N, where all of these recordings have angles, or torques.
+
+    `columns`: as of a `Recording`, each `unit:column`.
+    """
+    units = [{key: text.partition(":")[0] for key, text in each.items()} for each in columns]
+    angles = all(each.get("position") in {"rad", "deg"} for each in units)
+    torques = all(each.get("force", "").endswith("m") for each in units)
+    before = _UNITS.set(("rad" if angles else "m", "N m" if torques else "N"))
+    try:
+        yield
+    finally:
+        _UNITS.reset(before)
+
+
+def shown_unit(unit: str) -> str:
+    """A unit as `units_of` wants it: N/m of a rotation is N m/rad, kg is kg m²."""
+    length, force = _UNITS.get()
+    if unit.endswith("g"):
+        return unit + ("", " m", " m²")[(length == "rad") + (force == "N m")]
+    return unit.replace("m", length).replace("N", force)
+
+
 def quantity(value: float | None, unit: str) -> str:
     """`value` in `unit` with three digits and a prefix from nano to none: 0.0123 N is `12.3 mN`."""
     if value is None:
         return UNKNOWN
+    unit = shown_unit(unit)
     if value == 0.0:
         return f"0 {unit}"
     rounded = float(f"{value:.3g}")

@@ -9,7 +9,7 @@ from math import log10
 
 import numpy as np
 
-from forefeel.common.events.text import quantity
+from forefeel.common.events.text import quantity, shown_unit
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.units import Quantity
 
@@ -66,7 +66,7 @@ def _of_force(force_n: float, stiffness_n_m: float) -> Question | None:
     if force_n > _FORCES_N[1]:
         return Question("force", spans, 1e-3)
     if stiffness_n_m > _STIFFEST_N_M:
-        return Question("force", f"{spans}, {stiffness_n_m:.3g} N for each m of travel", 1e-3)
+        return Question("force", f"{spans}, {stiffness_n_m:.3g} {shown_unit('N/m')}", 1e-3)
     return None
 
 

@@ -14,6 +14,7 @@ from scipy.signal import firwin, upfirdn
 from scipy.stats import ks_2samp
 
 from forefeel.common.error_size import Floats
+from forefeel.common.events.text import shown_unit
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.signals import Mask
 from forefeel.diagnosis.verdict import Cause, Interval
@@ -91,7 +92,8 @@ def _saturation(cleaned: Cleaned, step: float | None) -> None:
         share = float(np.mean(cleaned.clipped))
         spread = 1e-3 * limit if step is None else 0.5 * step
         words = (
-            f"{100 * share:.2g} % of the samples stand exactly at {' and '.join(f'{x:.4g} N' for x in found)}"
+            f"{100 * share:.2g} % of the samples stand exactly at "
+            f"{' and '.join(f'{x:.4g}' for x in found)} {shown_unit('N')}"
         )
         parameters = {"limit_n": Interval.about(limit, spread)}
         cleaned.faults.append(Cause.on_readings("sensor_saturation", parameters, words, share * (high - low)))
@@ -230,7 +232,7 @@ def _spikes(cleaned: Cleaned, recording: Recording, step_n: float | None) -> Non
         "amplitude_n": Interval.about(amplitude, spread / count**0.5),
     }
     words = (
-        f"{count} isolated outliers of {amplitude:.3g} N, "
+        f"{count} isolated outliers of {amplitude:.3g} {shown_unit('N')}, "
         f"{amplitude / usual:.0f} times the usual distance from their neighbours"
     )
     rms_n = float(np.sqrt(np.mean((force - without) ** 2)))

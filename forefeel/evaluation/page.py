@@ -7,7 +7,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from forefeel.common.estimation.state_filter import GAP_S
-from forefeel.common.events.text import quantity
+from forefeel.common.events.text import quantity, shown_unit
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Evaluated
 from forefeel.diagnosis.evaluation.methods import METHODS, Mask
@@ -73,13 +73,18 @@ def _figure(evaluated: Evaluated, rows: Mask, title: str, caption: str) -> Figur
     trace, panels = evaluated.traces["forefeel"], []
     shade = band("95 % band", "predicted", time_s, trace.low_n[rows], trace.high_n[rows], GAP_S)
     measured = line("measured", "measured", time_s, force_n, GAP_S, **DOTTED)
-    for label, zero_n, more in (("force, N", 0.0 * force_n, [measured]), ("error, N", force_n, [])):
+    unit = shown_unit("N")
+    for label, zero_n, more in (
+        (f"force, {unit}", 0.0 * force_n, [measured]),
+        (f"error, {unit}", force_n, []),
+    ):
         lines = [
             line("held, late", "late", time_s, held_n - zero_n, GAP_S, **DASHED),
             line("predicted", "predicted", time_s, said_n - zero_n, GAP_S),
         ]
         y = limits(held_n - zero_n, beside=said_n - zero_n, trim=_TRIM)
-        panels.append(panel(label, y, lines=lines + more, bands=[shade] if more else []))
+        title_n = f"{label}, {shown_unit('N')}"
+        panels.append(panel(title_n, y, lines=lines + more, bands=[shade] if more else []))
     return Figure(title, caption, 440, (spec(panels, unit="s"),))
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError, RecordingError
+from forefeel.common.events.text import units_of
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.units import Mapping
@@ -56,9 +57,11 @@ def run_evaluation(
         evaluated = _evaluate(prepared, model)
         said = rules(link, model)
         document = to_json(link, said, evaluated, skipped)
-        page = render_page(link, said, evaluated, skipped)
+        with units_of(*[each.recording.columns for each in prepared.values()]):
+            page = render_page(link, said, evaluated, skipped)
+            lines = list(in_words(link, said, evaluated))
         write_all(folder, {_JSON: document, _PAGE: page}, written)
-    answer(*in_words(link, said, evaluated), f"{_PAGE}, {_JSON} in {folder}", document=lambda: document)
+    answer(*lines, f"{_PAGE}, {_JSON} in {folder}", document=lambda: document)
 
 
 def _read(

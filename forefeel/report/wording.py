@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from math import floor, isfinite, log10
 from typing import TYPE_CHECKING
 
-from forefeel.common.events.text import PREFIXES, UNKNOWN, power_of_1000, quantity
+from forefeel.common.events.text import PREFIXES, UNKNOWN, power_of_1000, quantity, shown_unit
 
 if TYPE_CHECKING:  # the diagnosis imports scipy, for which `forefeel loopback` would wait
     from forefeel.diagnosis.verdict import Interval
@@ -98,9 +98,10 @@ def named(parameter: str) -> tuple[str, str]:
 
 def scale(unit: str, largest: float) -> tuple[float, str]:
     """(factor, unit with prefix) so that `largest` reads between 1 and 1000 where a prefix can do that."""
-    known = _MASSES if unit == "kg" else {p: f"{word}{unit}" for p, word in PREFIXES.items()}
+    prefixed = {p: f"{word}{shown_unit(unit)}" for p, word in PREFIXES.items()}
+    known = {p: shown_unit(word) for p, word in _MASSES.items()} if unit == "kg" else prefixed
     if (unit not in _PREFIXED and unit != "kg") or not isfinite(largest):
-        return 1.0, unit
+        return 1.0, shown_unit(unit)
     power = power_of_1000(largest, min(known))
     return 1000.0**-power, known[power]
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 from forefeel.common.causes.catalogue import equation as cause_equation
 from forefeel.common.causes.catalogue import words
 from forefeel.common.events.console import printable
-from forefeel.common.events.text import quantity
+from forefeel.common.events.text import quantity, units_of
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.verdict import Cause, Diagnosis, ExpectedGain, HeldOut, Look
 from forefeel.report.wording import DISCLAIMER, shown, split_unit
@@ -79,13 +79,14 @@ def answer(
     recording: Recording, diagnosis: Diagnosis, across: "Across | str | None", given: str | None = None
 ) -> list[str]:
     """A few lines for the terminal, the last one says what this is not; see `said`."""
-    return [
-        f"{printable(recording.name)}: {len(recording)} samples, {recording.duration_s:.1f} s, "
-        f"{recording.rate_hz:.4g} Hz",
-        f"Verdict     {diagnosis.verdict}. {_LEFT_OUT if diagnosis.causes else headline(diagnosis)}",
-        *(f"{label:<12}{text}" for label, text in said(diagnosis, across, given)),
-        DISCLAIMER,
-    ]
+    with units_of(recording.columns):
+        return [
+            f"{printable(recording.name)}: {len(recording)} samples, {recording.duration_s:.1f} s, "
+            f"{recording.rate_hz:.4g} Hz",
+            f"Verdict     {diagnosis.verdict}. {_LEFT_OUT if diagnosis.causes else headline(diagnosis)}",
+            *(f"{label:<12}{text}" for label, text in said(diagnosis, across, given)),
+            DISCLAIMER,
+        ]
 
 
 def said(

@@ -12,6 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError, ForefeelError, RecordingError, RunError
+from forefeel.common.events.text import units_of
 from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.units import Mapping as ColumnMapping
@@ -104,7 +105,7 @@ def _page(task: Task, diagnosed: Diagnosed, across: "Across | str | None") -> st
     try:
         from forefeel.results.page import render_page  # noqa: PLC0415 - loads what draws
 
-        with threadpool_limits(1):
+        with threadpool_limits(1), units_of(diagnosed.recording.columns):
             return render_page(diagnosed.recording, diagnosed, across, task.given)
     except Exception as error:
         raise RunError(f"{task.file}: diagnosed, but {PAGE} failed, {failure(error)}") from error

@@ -9,6 +9,7 @@ import numpy as np
 from forefeel.common.causes.candidate import base_name
 from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
+from forefeel.common.events.text import shown_unit
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.regression import alignment
 from forefeel.diagnosis.signals import Mask
@@ -143,7 +144,7 @@ def spectrum(curves: Curves, parts: Sequence[Part], *peaks_hz: float) -> Specs:
     signals = curves.analysis.regression.signals
     lines = [line(name, colour, *density(signals, values)) for name, colour, values in parts]
     rules = [{"colour": "bad", "at": peak_hz} for peak_hz in peaks_hz]
-    drawn = panel("force, N/√Hz", {"log": True}, lines=lines, rules=rules)
+    drawn = panel(f"force, {shown_unit('N')}/√Hz", {"log": True}, lines=lines, rules=rules)
     return (spec([drawn], log=True, unit="Hz"),)
 
 
