@@ -86,6 +86,11 @@ class AxisLimits(Settings):
     def wall_n_m(self) -> float:
         return self.stiffest_wall_n_m or _WALL_PER_M * self.max_force_n
 
+    @property
+    def meaning(self) -> str:
+        """Behind an axis's name, what m and N are of a rotation."""
+        return " (rotation: m of arc, N at the surface)" if self.kind == "rotation" else ""
+
     @model_validator(mode="after")
     def _ordered(self) -> "AxisLimits":
         if self.workspace_m[0] >= self.workspace_m[1]:

@@ -114,7 +114,7 @@ async def slave(
 
             requests = SlaveRequests(daemon, process.event_sink, runtime.clock)
             async with runtime, process.socket.serving(requests):
-                process.say(f"{_described(settings, daemon.axes)}; waiting for a master")
+                process.say(f"{_described(settings)}; waiting for a master")
                 await _until_end(runtime, duration_s, look)
                 watchdog.stopping(_why(runtime))
                 daemon.shut_down()
@@ -139,7 +139,7 @@ async def master(
             return
         with process.closing(transport, MasterDaemon) as daemon:
             watchdog = process.watch(daemon.axes)
-            process.say(f"{_described(settings, daemon.axes)}; waiting for the slave")
+            process.say(f"{_described(settings)}; waiting for the slave")
             async with runtime, process.socket.serving(MasterRequests(daemon, runtime.clock)):
                 sessions = SessionWatch(daemon.axes, settings, transport, process)
                 await sessions.opened(settings.peer_timeout_s)
@@ -404,10 +404,10 @@ def _close_unused(opening: "Future[ParallelTransport]") -> None:
         opening.result().close()
 
 
-def _described(settings: DaemonSettings, axes: "Sequence[SlaveAxis | MasterAxis]") -> str:
+def _described(settings: "SlaveSettings | MasterSettings") -> str:
     transport = settings.transport
     ways = {
-        "axes": [axis.name for axis in axes],
+        "axes": [axis.name + axis.limits.meaning for axis in settings.axes],
         "listening on": transport.listen,
         "connecting to": transport.connect,
         "certificates in": [str(transport.pki)] if transport.pki else [],

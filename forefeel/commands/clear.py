@@ -25,7 +25,7 @@ def clear(
     try:
         answer = ask(folder, Request(do="clear", axis=axis))
     except RunError as error:
-        raise RunError(f"not cleared: {error}; start the slave, then clear again") from error
+        raise RunError(f"not cleared: {error}; first: forefeel slave --config {config}") from error
     for line in answer.text:
         typer.echo(f"{answer.role}: {line}")
     if not answer.done:

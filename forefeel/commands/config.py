@@ -1,6 +1,5 @@
 """`forefeel config`: settings."""
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,13 +22,13 @@ def check(
     with output(as_json, quiet):
         answer(dump_yaml(settings).rstrip("\n"), document=lambda: settings.model_dump(mode="json"))
         if not as_json:
-            _verdict(file, settings.model_dump(mode="json"))
+            _verdict(file, settings)
 
 
-def _verdict(file: Path, found: Mapping[str, Any]) -> None:
-    role, pki = found["role"], found["transport"]["pki"]
-    cells = found["cells"] if role == "router" else [found["cell"]]
-    axes = "".join(f", axis {axis['name']}" for axis in found.get("axes", ()))
+def _verdict(file: Path, found: Any) -> None:  # noqa: ANN401 - settings of any role
+    role, pki = found.role, found.transport.pki
+    cells = found.cells if role == "router" else [found.cell]
+    axes = "".join(f", axis {axis.name}{axis.limits.meaning}" for axis in getattr(found, "axes", ()))
     links = f"certificates in {pki}" if pki else "no certificates"
     say(f"Verdict  valid: {role} of {'cells' if cells[1:] else 'cell'} {', '.join(cells)}{axes}; {links}")
     command = _NEXT.get(role, role)

@@ -224,6 +224,8 @@ def _notes(run: Run, axis: str, commands: ScoredCommands, handshake: Handshake |
         notes.append("No answered command had a prediction and a received force: nothing could be judged.")
     if handshake is not None and not handshake.accepted:
         notes.append(f"The slave refused the session: {handshake.reason}")
+    if handshake is not None and '"kind": "rotation"' in handshake.settings:
+        notes.append("A rotation: m are of arc and N tangential, at the surface of the instrument.")
     if run.truncated:
         notes.append("The recorder was killed: the run ends where its last whole chunk does.")
     return tuple(notes)
