@@ -15,7 +15,6 @@ ForefeelError
 ```
 """
 
-import shlex
 from collections.abc import Mapping
 
 
@@ -40,13 +39,16 @@ class UnclearError(RecordingError):
 
     Attributes:
         doubt: what is not sure.
-        columns: what may be meant, by quantity, each as `unit:column`.
+        columns: what may be meant, by quantity, each as `unit:column`: arguments of `load`, or options.
     """
 
     def __init__(self, doubt: str, columns: Mapping[str, str]) -> None:
-        options = " ".join(f"--{quantity} {shlex.quote(text)}" for quantity, text in columns.items())
-        super().__init__(f"{doubt}; if so, add: {options}")
+        super().__init__(doubt, columns)
         self.doubt, self.columns = doubt, columns
+
+    def __str__(self) -> str:
+        arguments = ", ".join(f"{quantity}={text!r}" for quantity, text in self.columns.items())
+        return f"{self.doubt}; if so, add: {arguments}"
 
 
 class EndpointError(InputError):

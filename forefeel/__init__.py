@@ -7,7 +7,8 @@
     print(d, d.verdict)
     e = ff.evaluate(rec, delay_s=0.3)
 
-See `forefeel.library` and `forefeel.cell`. They are imported when they are used: a stop imports none of it.
+All quantities are SI; a rotation has rad for m and N m for N. Each name is imported when it is used: a stop
+imports none of them.
 """
 
 from importlib import import_module
@@ -15,33 +16,47 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from forefeel.cell import Axis, Cell, connect
+    from forefeel.common.errors import ForefeelError, UnclearError
+    from forefeel.common.estimation.predictor import Predictor
+    from forefeel.common.recording.loading import load
+    from forefeel.common.recording.recording import Recording
     from forefeel.library import (
         Cause,
         Diagnosis,
         Evaluation,
         Model,
-        Predictor,
-        Recording,
         diagnose,
+        diagnose_folder,
         evaluate,
-        load,
     )
 
     __version__: str
 
-_CELL = "Axis", "Cell", "connect"
+_ELSEWHERE = {
+    "Axis": "forefeel.cell",
+    "Cell": "forefeel.cell",
+    "ForefeelError": "forefeel.common.errors",
+    "Predictor": "forefeel.common.estimation.predictor",
+    "Recording": "forefeel.common.recording.recording",
+    "UnclearError": "forefeel.common.errors",
+    "connect": "forefeel.cell",
+    "load": "forefeel.common.recording.loading",
+}
 __all__ = [
     "Axis",
     "Cause",
     "Cell",
     "Diagnosis",
     "Evaluation",
+    "ForefeelError",
     "Model",
     "Predictor",
     "Recording",
+    "UnclearError",
     "__version__",
     "connect",
     "diagnose",
+    "diagnose_folder",
     "evaluate",
     "load",
 ]
@@ -51,7 +66,7 @@ def __getattr__(name: str) -> object:
     if name == "__version__":
         return import_module("importlib.metadata").version("forefeel")
     if name in __all__:
-        return getattr(import_module("forefeel.cell" if name in _CELL else "forefeel.library"), name)
+        return getattr(import_module(_ELSEWHERE.get(name, "forefeel.library")), name)
     raise AttributeError(f"module 'forefeel' has no attribute {name!r}")
 
 

@@ -1,6 +1,7 @@
 """A running cell from outside: what it says, and a stop.
 
 with ff.connect("master.yaml") as cell:
+    cell.wait()
     print(cell.state.state, cell.force.force_n, cell.prediction.predicted_n)
     print(cell.stop("enough"))
 """
@@ -8,6 +9,8 @@ with ff.connect("master.yaml") as cell:
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
+from functools import partial
+from itertools import product
 from pathlib import Path
 from threading import Condition
 from typing import Any
@@ -93,10 +96,10 @@ class Cell:
 
 @contextmanager
 def connect(config: str | Path, *, insecure: bool = False) -> Iterator[Cell]:
-    """A running cell by the settings file of its master, of its slave or of a viewer.
+    """A running cell by the settings file of its master or of a viewer.
 
     Args:
-        config: the YAML file.
+        config: the YAML file. With certificates only a viewer hears the prediction.
         insecure: goes without certificates outside this host.
 
     Raises:
@@ -106,5 +109,10 @@ def connect(config: str | Path, *, insecure: bool = False) -> Iterator[Cell]:
     cell, party = Cell(caller), Party(caller.role, (caller.cell,))
     opened = ZenohTransport.open(caller.transport, MonotonicClock(), faults.append, party, insecure=insecure)
     with closing(opened):
-        opened.subscribe_all(f"forefeel/{caller.cell}", cell.hear)
+        if caller.role == "viewer" or caller.transport.pki is None:
+            opened.subscribe_all(f"forefeel/{caller.cell}", cell.hear)
+        else:  # certificates let an end hear what comes from the other one
+            for topic, axis in product((SLAVE_STATE, FORCE), caller.axes):
+                key = topic.key(caller.cell, axis)
+                opened.subscribe(key, partial(cell.hear, key))
         yield cell

@@ -10,20 +10,20 @@
 All quantities are SI; a rotation has rad for m and N m for N.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from threadpoolctl import threadpool_limits
+
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.errors import ConfigurationError, RecordingError, UnclearError
-from forefeel.common.estimation.predictor import Predictor
+from forefeel.common.errors import ConfigurationError, InputError, RecordingError, UnclearError
 from forefeel.common.events.text import shown_unit, units_of
 from forefeel.common.model_file import load_model
-from forefeel.common.recording.array_tables import table_of
-from forefeel.common.recording.loading import load_recording, recording_of
+from forefeel.common.recording.loading import load, load_recording, recordings_in
 from forefeel.common.recording.recording import Recording
-from forefeel.common.recording.units import Mapping as Columns
 from forefeel.common.recording.units import parse_column, rescaled
 from forefeel.diagnosis.analysis import Progress
 from forefeel.diagnosis.diagnose import Diagnosed
@@ -34,45 +34,16 @@ from forefeel.diagnosis.evaluation.evaluate import evaluate as _evaluate
 from forefeel.diagnosis.extended import extended_model
 from forefeel.diagnosis.plausibility import Question, question
 from forefeel.diagnosis.verdict import Cause, VerdictName
-from forefeel.results.answer import answer
+from forefeel.results.answer import answer, headline
 from forefeel.results.curves import Curves
+from forefeel.results.parallel import in_parallel
 from forefeel.simulate.motion import FollowedRecording, MotionPiece
 from forefeel.simulate.world import integrate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = [
-    "Cause", "Diagnosis", "Evaluation", "Model", "Predictor", "Recording", "diagnose", "evaluate", "load",
-]  # fmt: skip
-
-_MOST_LINES = 10
-
-
-def load(
-    source: Any,  # noqa: ANN401 - a path, arrays by name, or a DataFrame of pandas
-    *,
-    time: str | None = None,
-    position: str | None = None,
-    force: str | None = None,
-    axis: str | None = None,
-) -> Recording:
-    """A recording from a file, from arrays by name, or from a DataFrame.
-
-    Args:
-        source: a file of one of `forefeel.common.recording.loading.SUFFIXES`; arrays of equal shape (n,).
-        time, position, force: the columns, each as `unit:column`, such as `mm:laser`; by default those that
-            their names tell. `Recording.taken` says which.
-        axis: of a recorded run with several.
-
-    Raises:
-        UnclearError: which column is what, or in which unit, is not sure; the text says what to add.
-        RecordingError: it can not be read or used.
-    """
-    columns = Columns(time, position, force)
-    if isinstance(source, str | Path):
-        return load_recording(Path(source), columns, axis)
-    return recording_of(table_of(source), "data", "data", columns)
+__all__ = ["Cause", "Diagnosis", "Evaluation", "Model", "diagnose", "diagnose_folder", "evaluate"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,7 +89,13 @@ class Diagnosis:
         return self.details.diagnosis.causes
 
     def __str__(self) -> str:
-        return "\n".join([*self.lines[: _MOST_LINES - 1], self.lines[-1]])
+        """The first line of each part of the answer, without what plain regressions saw before the search."""
+        shown, label = list[str](), ""
+        for line in self.lines:
+            label = line.split(" ")[0] or label
+            if label != "Look" and (line[0] != " " or label == "Rivals"):
+                shown.append(line)
+        return "\n".join(shown)
 
     def plot(self) -> "Figure":
         """Force and what is left of it over time, as measured, simulated and extended; needs matplotlib."""
@@ -135,7 +112,7 @@ class Diagnosis:
             above.plot(t, force_n[rows], linewidth=1, label=name)
             below.plot(t, (curves.force - force_n)[rows], linewidth=1, label=f"left by {name}")
         with units_of(self.recording.columns):
-            above.set(title=self.lines[1], ylabel=f"force, {shown_unit('N')}")
+            above.set(title=headline(self.details.diagnosis), ylabel=f"force, {shown_unit('N')}")
             below.set(xlabel="time, s", ylabel=f"left, {shown_unit('N')}")
         above.legend()
         return figure
@@ -160,7 +137,43 @@ def diagnose(
     """
     given = None if model is None else load_model(Path(model))
     recordings = [_recording(each, force=True) for each in (recording, *beside)]
-    return diagnosed(recordings, given=given, as_is=as_is)
+    with threadpool_limits(1):  # the arrays are small, and threads would wait
+        return diagnosed(recordings, given=given, as_is=as_is)
+
+
+def diagnose_folder(
+    folder: str | Path,
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    model: str | Path | None = None,
+    as_is: bool = False,
+) -> Iterator[tuple[Path, Diagnosis | InputError]]:
+    """Each recording of a folder with its diagnosis, or with why it has none, in any order.
+
+    Args:
+        folder: its files of `SUFFIXES` are diagnosed.
+        jobs: how many at a time, each in a process: a script needs `if __name__ == "__main__":`.
+        scheduler: address of a dask cluster that does it, such as `tcp://10.0.0.2:8786`.
+        model, as_is: as of `diagnose`.
+
+    Raises:
+        ConfigurationError: no recording in the folder.
+        EndpointError: no cluster at that address.
+        RunError: a worker has died.
+    """
+    attempt = partial(_attempt, None if model is None else Path(model).resolve(), as_is)
+    files = recordings_in(Path(folder).resolve())
+    if jobs == 1 and scheduler is None:
+        return map(attempt, files)
+    return in_parallel(attempt, files, jobs, scheduler)
+
+
+def _attempt(model: Path | None, as_is: bool, file: Path) -> tuple[Path, Diagnosis | InputError]:
+    try:
+        return file, diagnose(file, model=model, as_is=as_is)
+    except InputError as error:
+        return file, error
 
 
 def diagnosed(
@@ -175,12 +188,12 @@ def diagnosed(
             if not as_is and (asked := question(recording)) is not None:
                 raise _doubt(recording, asked)
         found = _diagnose(recordings[0], progress, given, recordings[1:])
+        lines = answer(found.recording, found.diagnosis, None, None if given is None else given.name)
     named = found.diagnosis.verdict == "cause_found"
     title = f"{found.recording.name}, extended by its diagnosis"
     if not named:  # a model of a recording whose cause is not named is no finding
         title = f"{found.recording.name}, {found.diagnosis.verdict}: mass, damper, spring and bias"
     model = extended_model(found.analysis if named else found.analysis.baseline(), title)
-    lines = answer(found.recording, found.diagnosis, None, None if given is None else given.name)
     return Diagnosis(found.recording, Model(model), tuple(lines), found)
 
 
@@ -250,6 +263,4 @@ def evaluate(
 def _recording(source: Any, force: bool | None = None) -> Recording:  # noqa: ANN401 - see `load`
     if isinstance(source, Recording):
         return source
-    if isinstance(source, str | Path):
-        return load_recording(Path(source), force=force)
-    return recording_of(table_of(source), "data", "data", force=force)
+    return load_recording(Path(source), force=force) if isinstance(source, str | Path) else load(source)

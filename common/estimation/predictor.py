@@ -13,6 +13,13 @@ class Predictor:
     """Contact force at the own motion of now; see `Evaluator` and `Learner`.
 
     The stage is where the motion says, its velocity the difference of two positions.
+
+        predictor.move(t_s, position_m)         # at each step: the own motion
+        predictor.observe(stamp_s, force_n)     # when a force arrives: when it was measured, and its value
+        predictor.predict()                     # the force now; None: nothing is known yet
+
+    Args:
+        model: of the contact, where one is known, such as `diagnosis.model.contact`.
     """
 
     def __init__(self, model: ContactModel | None = None, prior: ContactPrior | None = None) -> None:
@@ -29,6 +36,7 @@ class Predictor:
             self._last = t_s, position_m
             velocity_m_s = (position_m - before_m) / (t_s - before_s)
             self._evaluator.move(t_s, position_m, position_m, velocity_m_s)
+            self._evaluator.predict()  # the experts are judged by what they say at each step
 
     def observe(self, stamp_s: float, force_n: float) -> None:
         self._evaluator.hear(stamp_s, force_n)

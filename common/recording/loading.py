@@ -2,11 +2,11 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from forefeel.common.errors import RecordingError, UnclearError
+from forefeel.common.errors import ConfigurationError, RecordingError, UnclearError
 from forefeel.common.recording import array_tables
 from forefeel.common.recording.cleaning import clean
 from forefeel.common.recording.columns import Choice, candidates
@@ -50,6 +50,32 @@ _LIKELY: dict[Quantity, tuple[tuple[str, ...], tuple[float, float]]] = {
 """Interval, travel and force of benches in SI, and the units that are tried in turn."""
 
 
+def load(
+    source: Any,  # noqa: ANN401 - a path, arrays by name, or a DataFrame of pandas
+    *,
+    time: str | None = None,
+    position: str | None = None,
+    force: str | None = None,
+    axis: str | None = None,
+) -> Recording:
+    """A recording from a file, from arrays by name, or from a DataFrame.
+
+    Args:
+        source: a file of one of `SUFFIXES`; or columns of equal shape (n,).
+        time, position, force: the columns, each as `unit:column`, such as `mm:laser`; by default those that
+            their names tell. `Recording.taken` says which.
+        axis: of a recorded run with several.
+
+    Raises:
+        UnclearError: which column is what, or in which unit, is not sure; the text says what to add.
+        RecordingError: it can not be read or used.
+    """
+    mapping = Mapping(time, position, force)
+    if isinstance(source, str | Path):
+        return load_recording(Path(source), mapping, axis)
+    return recording_of(array_tables.table_of(source), "data", "data", mapping)
+
+
 def load_recording(
     path: Path, mapping: Mapping | None = None, axis: str | None = None, force: bool | None = None
 ) -> Recording:
@@ -71,6 +97,22 @@ def load_recording(
     if suffix not in SUFFIXES:
         raise RecordingError(f"{path}: suffix {suffix!r}, expected one of {', '.join(SUFFIXES)}")
     return recording_of(_TABLES.get(suffix, RosTable)(path), path.stem, str(path), mapping, force)
+
+
+def recordings_in(folder: Path) -> list[Path]:
+    """The recordings in a folder, by name; hidden files are none.
+
+    Raises:
+        ConfigurationError: none, or the folder can not be read.
+    """
+    try:
+        files = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
+    except OSError as error:
+        raise ConfigurationError(f"{folder}: {error.strerror}; expected a folder that can be read") from error
+    files = [path for path in files if not path.name.startswith(".")]
+    if not files:
+        raise ConfigurationError(f"{folder}: no recording; expected {', '.join(SUFFIXES)} files")
+    return files
 
 
 def recording_of(

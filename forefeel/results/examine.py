@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from threadpoolctl import threadpool_limits
 
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.errors import ConfigurationError, ForefeelError, RecordingError, RunError
+from forefeel.common.errors import ConfigurationError, ForefeelError, InputError, RecordingError, RunError
 from forefeel.common.events.text import units_of
 from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Recording
@@ -61,6 +61,16 @@ class Result:
     page_failed: str | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class TaskOutcome:
+    """What became of a task: its result, or in one line why it was skipped or failed."""
+
+    task: Task
+    result: Result | None = None
+    skipped: str | None = None
+    failed: str | None = None
+
+
 def examine(task: Task, tell: Tell = lambda stage: None) -> tuple[Result, Callable[[], str]]:
     """Reads, diagnoses, predicts: (the result without its page, what draws that page).
 
@@ -77,6 +87,22 @@ def examine(task: Task, tell: Tell = lambda stage: None) -> tuple[Result, Callab
         raise
     except Exception as error:
         raise RunError(f"{task.file}: the diagnosis failed, {failure(error)}") from error
+
+
+def attempt(task: Task) -> TaskOutcome:
+    """A task that never raises what belongs to its recording only."""
+    try:
+        result, page = examine(task)
+    except InputError as error:
+        return TaskOutcome(task, skipped=" ".join(str(error).split()))
+    except RunError as error:
+        return TaskOutcome(task, failed=" ".join(str(error).split()))
+    if not task.page:
+        return TaskOutcome(task, result)
+    try:
+        return TaskOutcome(task, replace(result, texts={**result.texts, PAGE: page()}))
+    except RunError as error:
+        return TaskOutcome(task, replace(result, page_failed=str(error)))
 
 
 def _examined(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:

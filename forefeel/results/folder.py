@@ -10,20 +10,20 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from forefeel.common.errors import ConfigurationError, InputError, RunError
+from forefeel.common.errors import InputError, RunError
 from forefeel.common.events.text import quantity
+from forefeel.common.recording.loading import recordings_in
 from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order, heeded
 from forefeel.report.wording import DISCLAIMER
 from forefeel.results.answer import named, noise_text
-from forefeel.results.examine import FILES, JSON, PAGE, Result, Task
-from forefeel.results.parallel import TaskOutcome, outcomes
+from forefeel.results.examine import FILES, JSON, PAGE, Result, Task, TaskOutcome, attempt
+from forefeel.results.parallel import in_parallel
 from forefeel.terminal import answer, bar, complain, say, suggest, table
 
 SUMMARY, SCHEMA = "summary.json", "forefeel.diagnoses/1"
 EARLIER = "an earlier diagnosis"
-SUFFIXES = ".csv", ".mcap", ".parquet"
 
 
 @dataclass(slots=True)
@@ -53,12 +53,12 @@ def run_folder(task: Task, out: Path, jobs: int, scheduler: str | None, overwrit
         InputError: no recording in the folder, or none that can be diagnosed.
         RunError: interrupted, a diagnosis failed, or a result can not be written.
     """
-    files = recordings_in(task.file)
+    files = recordings_in(task.file if scheduler is None else task.file.resolve())
     summary = Summary()
     with ends_in_order("diagnosis", out) as written:
         fresh_folder(out, (SUMMARY,), EARLIER, overwrite)
         tasks = [replace(task, file=file) for file in _free(files, out, overwrite, summary)]
-        with heeded() as stop, closing(outcomes(tasks, jobs, scheduler, stop.check)) as found:
+        with heeded() as stop, closing(in_parallel(attempt, tasks, jobs, scheduler, stop.check)) as found:
             for outcome in _shown(found, len(tasks), task.file.name):
                 _take(outcome, out, overwrite, summary, written)
         if not summary.diagnosed and not summary.failed:
@@ -71,22 +71,6 @@ def run_folder(task: Task, out: Path, jobs: int, scheduler: str | None, overwrit
         )
     if len(summary.diagnosed) > 1:
         suggest("diagnose", task.file, "--together", out=out / "together", **asdict(task.columns))
-
-
-def recordings_in(folder: Path) -> list[Path]:
-    """The recordings in a folder, by name; hidden files are none.
-
-    Raises:
-        ConfigurationError: none, or the folder can not be read.
-    """
-    try:
-        files = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
-    except OSError as error:
-        raise ConfigurationError(f"{folder}: {error.strerror}; expected a folder that can be read") from error
-    files = [path for path in files if not path.name.startswith(".")]
-    if not files:
-        raise ConfigurationError(f"{folder}: no recording; expected {', '.join(SUFFIXES)} files")
-    return files
 
 
 def _free(files: Iterable[Path], out: Path, overwrite: bool, summary: Summary) -> Iterator[Path]:

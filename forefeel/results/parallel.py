@@ -1,4 +1,4 @@
-"""Several diagnoses at a time: processes of this machine, or the workers of a dask cluster."""
+"""Several calls at a time: processes of this machine, or the workers of a dask cluster."""
 
 import os
 import re
@@ -7,15 +7,14 @@ import socket
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, ProcessPoolExecutor, wait
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from importlib import import_module
 from itertools import islice
 from multiprocessing import active_children, get_context, resource_tracker
+from typing import TypeVar
 
 from forefeel.child_process import die_with
-from forefeel.common.errors import ConfigurationError, EndpointError, InputError, RunError
+from forefeel.common.errors import ConfigurationError, EndpointError, RunError
 from forefeel.interrupt import SIGNALS
-from forefeel.results.examine import PAGE, Result, Task, examine
 
 _PATIENCE_S = 10  # s for the scheduler's answer
 _LOOK_S = 0.1  # s between two looks for an end
@@ -25,22 +24,20 @@ _ADDRESS = re.compile(r"(?:(?:tcp|tls)://)?(?P<host>[^/]+):(?P<port>\d+)")
 _EXPECTED = "expected the address of a dask scheduler, such as tcp://10.0.0.2:8786"
 
 
-@dataclass(frozen=True, slots=True)
-class TaskOutcome:
-    """What became of a task: its result, or in one line why it was skipped or failed."""
-
-    task: Task
-    result: Result | None = None
-    skipped: str | None = None
-    failed: str | None = None
+T = TypeVar("T")
+R = TypeVar("R")
 
 
-def outcomes(
-    tasks: Sequence[Task], jobs: int, scheduler: str | None, check: Callable[[], None]
-) -> Generator[TaskOutcome, None, None]:
-    """Each outcome as soon as it is there, in any order; what still runs ends with the iterator.
+def in_parallel(
+    function: Callable[[T], R],
+    tasks: Sequence[T],
+    jobs: int,
+    scheduler: str | None,
+    check: Callable[[], None] = lambda: None,
+) -> Generator[R, None, None]:
+    """Each result as soon as it is there, in any order; what still runs ends with the iterator.
 
-    Workers read the recordings and hand the texts back: only this process writes. `check` is called many
+    Workers read the recordings and hand the results back: only this process writes. `check` is called many
     times a second, and what it raises ends all.
 
     Raises:
@@ -48,17 +45,14 @@ def outcomes(
         EndpointError: no dask scheduler at that address, or one without workers.
         RunError: a worker has died.
     """
-    if scheduler is None:
-        workers = _processes(max(1, min(jobs, len(tasks))))
-    else:
-        workers, tasks = _cluster(scheduler), [replace(task, file=task.file.resolve()) for task in tasks]
+    workers = _processes(max(1, min(jobs, len(tasks)))) if scheduler is None else _cluster(scheduler)
     with workers as (executor, count):
-        waiting, running = iter(tasks), set[Future[TaskOutcome]]()
+        waiting, running = iter(tasks), set[Future[R]]()
         try:
             while True:
                 with _deaf_workers():
                     wanted = islice(waiting, _AHEAD * count - len(running))
-                    running |= {executor.submit(attempt, task) for task in wanted}
+                    running |= {executor.submit(function, task) for task in wanted}
                 if not running:
                     return
                 done, running = wait(running, _LOOK_S, FIRST_COMPLETED)
@@ -69,22 +63,6 @@ def outcomes(
             raise RunError(
                 "a process of the diagnosis was killed; expected memory for each of --jobs"
             ) from error
-
-
-def attempt(task: Task) -> TaskOutcome:
-    """A task that never raises what belongs to its recording only."""
-    try:
-        result, page = examine(task)
-    except InputError as error:
-        return TaskOutcome(task, skipped=" ".join(str(error).split()))
-    except RunError as error:
-        return TaskOutcome(task, failed=" ".join(str(error).split()))
-    if not task.page:
-        return TaskOutcome(task, result)
-    try:
-        return TaskOutcome(task, replace(result, texts={**result.texts, PAGE: page()}))
-    except RunError as error:
-        return TaskOutcome(task, replace(result, page_failed=str(error)))
 
 
 @contextmanager

@@ -13,7 +13,6 @@ import yaml
 
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.results.examine import Task, examine
-from forefeel.results.parallel import attempt
 from tests.commands.command_line import contents, refused
 from tests.unit.diagnosis_samples import FRICTION_N, made, one_sine, put
 from tests.unit.evaluation_samples import csv_text
@@ -34,7 +33,7 @@ effects:
 def one_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """A folder's recordings are diagnosed in this process."""
     monkeypatch.setattr(
-        "forefeel.results.folder.outcomes", lambda tasks, *_: (attempt(task) for task in tasks)
+        "forefeel.results.folder.in_parallel", lambda function, tasks, *_: (function(task) for task in tasks)
     )
 
 
@@ -98,7 +97,7 @@ def test_folder_skips_bad_recordings_and_keeps_earlier_diagnosis(
     put(folder / "rubs.csv", made(6.0, friction_n=FRICTION_N))
     put(folder / "short.csv", made(1.0))
     (folder / "rubs.parquet").write_bytes(b"another export of the same")
-    (folder / "notes.txt").write_text("no recording")
+    (folder / "notes.md").write_text("no recording")
     (folder / ".hidden.csv").write_text("")
     put(folder / "done.csv", made(5.0))
     (out / "done").mkdir(parents=True)
@@ -203,7 +202,7 @@ BAD = {
     "two files": ("@/a.csv @/b.csv", ("b.csv", "--together"), {"a.csv": GOOD, "b.csv": GOOD}),
     "together alone": ("@/a.csv --together", ("at least two",), {"a.csv": GOOD}),
     "together, other rate": ("@/in --together", ("b.csv", "one rate"), {"in/a.csv": GOOD, "in/b.csv": SLOW}),
-    "folder without recordings": ("@/in", ("in: no recording", ".csv"), {"in/a.txt": ""}),
+    "folder without recordings": ("@/in", ("in: no recording", ".csv"), {"in/a.md": ""}),
     "folder, out is a file": ("@/in", ("out", "is a file"), {"in/a.csv": GOOD, "out": "precious"}),
     "earlier summary": ("@/in", ("earlier diagnosis", "--over"), {"in/a.csv": GOOD, "out/summary.json": "x"}),
     "model broken": ("@/a.csv --model @/m.yaml", ("m.yaml", "schema"), {"a.csv": GOOD, "m.yaml": "a: 1\n"}),

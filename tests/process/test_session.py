@@ -7,9 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
+import forefeel as ff
 from forefeel.common.topics import FORCE, HAPTICS, SAFETY_EVENT
-from tests.live_cell import CELL, LiveCell, check_stops
+from tests.live_cell import AXIS, CELL, LiveCell, check_stops
 from tests.waiting import wait_until
 
 
@@ -72,4 +74,12 @@ def test_emergency_stop_outlives_kill_until_cleared(cell: LiveCell) -> None:
     clear = cell.start("clear", "clear", "--config", "slave.yaml")
     assert clear.wait() == 0, clear.text
     cell.await_state("armed")
+    ends = [cell.endpoint, cell.master_endpoint]
+    viewer = {"role": "viewer", "cell": CELL, "transport": {"connect": ends, "pki": str(cell.pki)}}
+    (cell.folder / "viewer.yaml").write_text(yaml.safe_dump(viewer))
+    with ff.connect(cell.folder / "viewer.yaml") as seen:
+        wait_until(lambda: seen.state and seen.force and seen.prediction)
+    with ff.connect(cell.folder / "master.yaml") as seen:
+        wait_until(lambda: seen.state and seen.force)
+        assert seen.stop("enough") == {AXIS: "estopped"}
     check_stops(cell.messages(SAFETY_EVENT))

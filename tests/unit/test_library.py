@@ -1,0 +1,107 @@
+"""The front of the library: its names, and what they give."""
+
+import json
+from dataclasses import FrozenInstanceError
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import forefeel as ff
+from forefeel.common.recording.loading import recordings_in
+from tests.unit.diagnosis_samples import FRICTION_N, made, put
+
+NAMES = {
+    "Axis", "Cause", "Cell", "Diagnosis", "Evaluation", "ForefeelError", "Model", "Predictor", "Recording",
+    "UnclearError", "__version__", "connect", "diagnose", "diagnose_folder", "evaluate", "load",
+}  # fmt: skip
+NOTEBOOK = Path(__file__).parents[2] / "docs/examples/library.ipynb"
+
+
+@pytest.fixture(scope="module")
+def found() -> ff.Diagnosis:
+    return ff.diagnose(made(friction_n=FRICTION_N))
+
+
+def test_front_has_the_names_that_are_promised() -> None:
+    assert set(ff.__all__) == NAMES == set(dir(ff))
+    assert all(getattr(ff, name) is not None for name in NAMES)
+    with pytest.raises(AttributeError, match="daignose"):
+        _ = ff.daignose
+
+
+def test_diagnosis_prints_verdict_cause_and_gain(found: ff.Diagnosis) -> None:
+    assert (found.verdict, [cause.name for cause in found.causes]) == ("cause_found", ["coulomb_friction"])
+    lines = str(found).splitlines()
+    assert len(lines) <= 10
+    assert [line.split(" ")[0] for line in lines[1:5]] == ["Verdict", "Simulation", "Cause", "Extended"]
+    with pytest.raises(FrozenInstanceError):
+        found.lines = ()  # type: ignore[misc]
+
+
+def test_extended_model_simulates_the_measured_force(found: ff.Diagnosis) -> None:
+    motion, measured_n = made(), made(friction_n=FRICTION_N).force_n
+    assert measured_n is not None
+    force_n = found.model.simulate({"time_s": motion.time_s, "position_m": motion.position_m}).force_n
+    assert force_n is not None
+    assert np.median(np.abs(force_n - measured_n)) < 0.1 * FRICTION_N
+
+
+def test_plot_shows_measured_simulated_and_extended_force(found: ff.Diagnosis) -> None:
+    above, below = found.plot().axes
+    assert [line.get_label() for line in above.lines] == ["measured", "simulation", "extended"]
+    simulated, extended = (np.std(line.get_ydata()) for line in below.lines)  # type: ignore[arg-type]
+    assert extended < 0.2 * simulated
+
+
+def test_evaluation_beats_the_newest_late_force() -> None:
+    evaluation = ff.evaluate(made(12.0, friction_n=FRICTION_N), delay_s=0.3)
+    assert evaluation.ratio is not None
+    assert evaluation.ratio < 0.5
+    assert str(evaluation).splitlines()[0] == "0.3 s late"
+
+
+@pytest.mark.parametrize("every", [1, 50])
+def test_predictor_learns_from_forces_that_arrive_late(every: int) -> None:
+    """Whether it is asked at each step or now and then."""
+    predictor, recording, late = ff.Predictor(), made(10.0, friction_n=FRICTION_N), 30
+    assert recording.force_n is not None
+    errors_n = []
+    for n, (t_s, position_m) in enumerate(zip(recording.time_s, recording.position_m, strict=True)):
+        predictor.move(float(t_s), float(position_m))
+        if n >= late:
+            predictor.observe(float(recording.time_s[n - late]), float(recording.force_n[n - late]))
+        if n % every == 0 and n > 500:
+            estimate = predictor.predict()
+            assert estimate is not None
+            errors_n.append(estimate.force_n - recording.force_n[n])
+    assert np.sqrt(np.mean(np.square(errors_n))) < 0.3 * float(np.std(recording.force_n))
+
+
+def test_doubt_says_which_arguments_answer_it() -> None:
+    recording = made(friction_n=FRICTION_N)
+    table = {"Time": recording.time_s, "Weg": recording.position_m, "Force (N)": recording.force_n}
+    with pytest.raises(ff.UnclearError) as raised:
+        ff.load(table)
+    assert str(raised.value).endswith("if so, add: time='s:Time', position='m:Weg'")
+    assert raised.value.columns == {"time": "s:Time", "position": "m:Weg"}
+    assert ff.load(table, **raised.value.columns).taken == "time s:Time, position m:Weg, force N:Force (N)"
+
+
+def test_folder_gives_each_diagnosis_or_its_refusal(tmp_path: Path) -> None:
+    put(tmp_path / "friction.csv", made(friction_n=FRICTION_N))
+    (tmp_path / "empty.csv").touch()
+    results = {file.name: found for file, found in ff.diagnose_folder(tmp_path)}
+    assert set(results) == {file.name for file in recordings_in(tmp_path)}
+    assert isinstance(results["friction.csv"], ff.Diagnosis)
+    assert str(results["empty.csv"]).endswith("empty.csv: empty file, expected a recording")
+
+
+def test_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    for cell in json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]:
+        if cell["cell_type"] == "code":
+            exec("".join(cell["source"]), names)
+    assert isinstance(names["d"], ff.Diagnosis)
+    assert names["d"].verdict == "cause_found"
