@@ -1,7 +1,8 @@
-"""What a recording costs by its length: `python -m benchmarks.recording [--minutes 1,4,16] [--json FILE]`.
+"""What a recording costs by its length: `python -m benchmarks.recording [--minutes 1,4,16] [--rows 5]`.
 
 Runs in virtual time, recorded. Each file is read by a process of its own: two columns of the 1 kHz streams
 by this product, the same by the MCAP library alone (its reader and the json of Python), and its report made.
+Then a CSV of 5 million rows: `forefeel.load`, and the table by pyarrow alone.
 """
 
 import argparse
@@ -13,8 +14,11 @@ from importlib.metadata import version
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
 from mcap.reader import make_reader
+from pyarrow import csv
 
+import forefeel as ff
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import FORCE, HAPTICS
 
@@ -25,13 +29,16 @@ def main() -> None:
     """Prints a row for each length."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.recording")
     parser.add_argument("--minutes", default="1,4,16")
+    parser.add_argument("--rows", type=float, default=5.0, help="millions in the CSV")
     parser.add_argument("--json", type=Path, help="the figures, too")
     options = parser.parse_args()
     with TemporaryDirectory() as folder:
         rows = [row(Path(folder), float(minutes)) for minutes in options.minutes.split(",")]
+        table = csv_row(Path(folder), round(1e6 * options.rows))
     print(text(rows))
+    print(csv_text(table))
     if options.json is not None:
-        options.json.write_text(json.dumps({"rows": rows}, indent=2))
+        options.json.write_text(json.dumps({"rows": rows, "csv": table}, indent=2))
 
 
 def row(folder: Path, minutes: float) -> dict[str, float]:
@@ -59,6 +66,33 @@ def row(folder: Path, minutes: float) -> dict[str, float]:
         "read_s": read_s, "read_mb": read_mb, "plain_s": plain_s, "plain_mb": plain_mb,
         "report_s": report_s, "report_mb": report_mb,
     }  # fmt: skip
+
+
+def csv_row(folder: Path, count: int) -> dict[str, float]:
+    """Figures of a CSV file with that many rows at 1 kHz."""
+    file = folder / "run.csv"
+    t = np.arange(count) / 1000.0
+    x = 0.01 * np.sin(t)
+    with file.open("w", encoding="ascii") as lines:
+        lines.write("time_s,position_m,force_n\n")
+        for a in range(0, count, 100_000):
+            rows = zip(t[a : a + 100_000], x[a : a + 100_000], strict=True)
+            lines.writelines(f"{t:.3f},{x:.7f},{12.0 * x:.5f}\n" for t, x in rows)
+    read_s, read_mb = timed(["benchmarks.recording", "load", str(file)])
+    plain_s, plain_mb = timed(["benchmarks.recording", "pyarrow", str(file)])
+    return {
+        "rows": count, "file_mb": file.stat().st_size / 1e6, "read_s": read_s, "read_mb": read_mb,
+        "plain_s": plain_s, "plain_mb": plain_mb,
+    }  # fmt: skip
+
+
+def csv_text(row: dict[str, float]) -> str:
+    """The line of a CSV file."""
+    return (
+        f"CSV of {row['rows'] / 1e6:g} million rows, {row['file_mb']:.0f} MB: forefeel.load {row['read_s']:.1f} s "
+        f"and {row['read_mb']:.0f} MB, pyarrow {version('pyarrow')} alone {row['plain_s']:.1f} s "
+        f"and {row['plain_mb']:.0f} MB, ratio {row['read_s'] / row['plain_s']:.2f}"
+    )
 
 
 def timed(words: list[str]) -> tuple[float, float]:
@@ -106,8 +140,10 @@ def text(rows: list[dict[str, float]]) -> str:
     return "\n".join(lines)
 
 
+_READERS = {"read": read, "plain": plain, "load": ff.load, "pyarrow": csv.read_csv}
+
 if __name__ == "__main__":
-    if sys.argv[1:2] in (["read"], ["plain"]):
-        {"read": read, "plain": plain}[sys.argv[1]](Path(sys.argv[2]))
+    if len(sys.argv) == 3 and sys.argv[1] in _READERS:
+        _READERS[sys.argv[1]](Path(sys.argv[2]))
     else:
         main()

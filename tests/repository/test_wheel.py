@@ -65,12 +65,12 @@ def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_nothing_stands_beside_forefeel(installed: Path) -> None:
     found = {path.name for path in installed.iterdir()}
-    assert found == {"forefeel", "forefeel-0.1.0.dist-info"}
+    assert found == {"forefeel", "forefeel-0.2.0.dist-info"}
     templates = {str(path.relative_to(ROOT)) for path in (ROOT / "forefeel").glob("**/*.j2")}
     assert templates == {str(path.relative_to(installed)) for path in installed.glob("**/*.j2")}
     links = [path for path in installed.rglob("*") if path.is_symlink()]
     assert not links
-    assert (installed / "forefeel-0.1.0.dist-info" / "licenses" / "LICENSE").exists()
+    assert (installed / "forefeel-0.2.0.dist-info" / "licenses" / "LICENSE").exists()
 
 
 def test_a_project_with_folders_of_the_same_names(installed: Path, tmp_path: Path) -> None:
