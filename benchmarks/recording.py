@@ -89,9 +89,10 @@ def csv_row(folder: Path, count: int) -> dict[str, float]:
 def csv_text(row: dict[str, float]) -> str:
     """The line of a CSV file."""
     return (
-        f"CSV of {row['rows'] / 1e6:g} million rows, {row['file_mb']:.0f} MB: forefeel.load {row['read_s']:.1f} s "
-        f"and {row['read_mb']:.0f} MB, pyarrow {version('pyarrow')} alone {row['plain_s']:.1f} s "
-        f"and {row['plain_mb']:.0f} MB, ratio {row['read_s'] / row['plain_s']:.2f}"
+        f"CSV of {row['rows'] / 1e6:g} million rows, {row['file_mb']:.0f} MB: "
+        f"forefeel.load {row['read_s']:.1f} s and {row['read_mb']:.0f} MB, "
+        f"pyarrow {version('pyarrow')} alone {row['plain_s']:.1f} s and {row['plain_mb']:.0f} MB, "
+        f"ratio {row['read_s'] / row['plain_s']:.2f}"
     )
 
 
