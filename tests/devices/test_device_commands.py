@@ -177,7 +177,7 @@ def test_probe_says_rate_and_round_trip_and_touches_nothing(
     assert run(["device", "probe", "--config", "slave.yaml", "--seconds", "4"]) == 0
     said = capsys.readouterr()
     stage, gripper, cell = said.out.splitlines()
-    assert said.err.startswith("next: forefeel ")
+    assert said.err == "next: forefeel doctor --config slave.yaml\n"
     for word in ("zaber_ascii on /dev/stage: ready", "Fake 2000", "250 Hz", "p50 2 ms, p99 6 ms"):
         assert word in stage
     assert "simulated" in gripper
