@@ -64,7 +64,7 @@ class Model:
         return Recording(name, recording.time_s, position_m, force_n, f"{name} along {recording.source}")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Diagnosis:
     """What a simulation of mass, damper and spring gets wrong; `print` says it in ten lines.
 
@@ -96,6 +96,8 @@ class Diagnosis:
             if label != "Look" and (line[0] != " " or label == "Rivals"):
                 shown.append(line)
         return "\n".join(shown)
+
+    __repr__ = __str__  # a notebook shows what a cell ends with
 
     def plot(self) -> "Figure":
         """Force and what is left of it over time, as measured, simulated and extended; needs matplotlib."""
@@ -208,7 +210,7 @@ def _doubt(recording: Recording, asked: Question) -> RecordingError:
     return UnclearError(f"{doubt}, in {other} it would be usual", {asked.quantity: f"{other}:{column}"})
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Evaluation:
     """How well the force is predicted across a delay, with what has arrived; `print` gives a table.
 
@@ -234,6 +236,8 @@ class Evaluation:
         sizes = ("diverged" if rms_n is None else f"{rms_n:.4g} {unit} rms" for rms_n in self.rms_n.values())
         rows = [f"{name:<10} {size}" for name, size in zip(self.rms_n, sizes, strict=True)]
         return "\n".join([f"{self.delay_s:g} s late", *rows])
+
+    __repr__ = __str__
 
 
 def evaluate(
