@@ -96,8 +96,7 @@ class Recorder:
         self._closing.set()
         self.transport.close()
         self._thread.join()
-        if self._error is not None:
-            raise RunError(f"recording failed: {self._error}") from self._error
+        self.check()
 
     def check(self) -> None:
         """Raises RunError as soon as recording has failed."""

@@ -1,6 +1,5 @@
 """Dry friction along the shaft: Coulomb, Stribeck, presliding, growing with depth; its direction."""
 
-from collections.abc import Sequence
 from math import exp
 
 import numpy as np
@@ -314,11 +313,6 @@ class PreslidingHysteresis(ForceEffect):
     def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         decay = np.exp(-self._per_metre * np.abs(v) * dt)
         return _saturating(np.sign(v), decay)[:, None]
-
-    def from_span(self, coefficients: Sequence[float]) -> dict[str, float]:
-        """The stiffness goes with the force: a linear fit keeps the presliding length."""
-        (force_n,) = map(float, coefficients)
-        return {"force_n": force_n, "stiffness_n_m": force_n * self._per_metre}
 
 
 @lazy_kernel

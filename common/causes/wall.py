@@ -1,6 +1,5 @@
 """What is touched: mass, damper and spring, stiffening, relaxation, a change of stiffness, lost contact."""
 
-from collections.abc import Sequence
 from dataclasses import replace
 from math import expm1
 
@@ -242,9 +241,14 @@ def _ratio_and_rest(found: Found) -> Values:
 
 def _change(found: Found) -> list[Entry]:
     stiffness = float(max(found.base[2], 1e-9))
-    effect = StiffnessChange(stiffness_n_m=stiffness, time_s=found.start_s + found.shape[0])
     change, level = (*map(float, found.coefficients), 0.0)[:2]
-    return [entry(StiffnessChange, effect.from_span([change, level]))]
+    values = {
+        "stiffness_n_m": stiffness,
+        "time_s": found.start_s + found.shape[0],
+        "ratio": 1.0 + change / stiffness,
+        "rest_position_m": -level / change if change else 0.0,
+    }
+    return [entry(StiffnessChange, values)]
 
 
 class StiffnessChange(ForceEffect):
@@ -288,24 +292,6 @@ class StiffnessChange(ForceEffect):
 
     def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
         return np.where(t >= self._time_s, self._more * (x - self._rest_m), 0.0)[:, None]
-
-    def span(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        """(x, 1) from time_s on, shape (n, 2)."""
-        after = t >= self._time_s
-        return np.stack((np.where(after, x, 0.0), after.astype(np.float64))).T
-
-    def from_span(self, coefficients: Sequence[float]) -> dict[str, float]:
-        """Ratio and rest position, given that `stiffness_n_m` is the wall's."""
-        change_n_m, level_n = map(float, coefficients)
-        found = {**self.values, "ratio": 1.0 + change_n_m / self.values["stiffness_n_m"]}
-        if change_n_m != 0.0:
-            found["rest_position_m"] = -level_n / change_n_m
-        return found
-
-    @classmethod
-    def shape_names(cls) -> tuple[str, ...]:
-        """The instant: the ratio is linear in the span."""
-        return ("time_s",)
 
 
 def _beyond(motion: MotionGrid, shape: Shape) -> MotionGrid:

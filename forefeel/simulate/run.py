@@ -22,15 +22,6 @@ from forefeel.terminal import bar, show
 SUFFIXES = (".csv", ".parquet")
 
 
-def check_target(out: Path, overwrite: bool) -> None:
-    """Refuses what can not be written, before anything is computed.
-
-    Raises:
-        ConfigurationError: another suffix, a folder, or a file that may not go.
-    """
-    check_new_file(out, SUFFIXES, ".csv or .parquet", overwrite)
-
-
 def write_table(out: Path, columns: dict[str, Array]) -> None:
     """Beside the file, then in its place.
 
@@ -88,7 +79,7 @@ def run_simulation(options: SimulationOptions, out: Path, overwrite: bool) -> No
         RunError: interrupted, or the file can not be written.
     """
     _check(options)
-    check_target(out, overwrite)
+    check_new_file(out, SUFFIXES, ".csv or .parquet", overwrite)
     model = load_model(options.model)
     with ends_in_order("simulation", out.parent) as written:
         with bar(1.0, "{task.percentage:3.0f} %") as shown:
