@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from forefeel.common.error_size import Floats
 from forefeel.report.drawing import limits
 
-BLACK, ORANGE, SKY, GREEN = "#1a1a1a", "#E69F00", "#56B4E9", "#009E73"
+BLACK, ORANGE, SKY = "#1a1a1a", "#E69F00", "#56B4E9"
 BLUE, VERMILION, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#b8bec6"
 """Okabe and Ito's palette, which readers with any colour vision can tell apart; and a grey."""
 
