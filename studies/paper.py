@@ -26,7 +26,6 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from forefeel.common.config import deep_merge
 from forefeel.common.errors import ForefeelError, RecordingError, RunError
 from forefeel.common.estimation.identifiability import analyse
 from forefeel.common.estimation.predictor import Predictor
@@ -55,12 +54,6 @@ MEMORY_S = 2.0  # of the product's estimator
 THETA: Array = np.array([0.01, 0.1, 1.0])
 """m, b, k of the paper's simulation, in kg, N s/m, N/m."""
 PERIOD_S = 2.0 * pi  # of x = sin t
-STYLES: dict[str, dict[str, float]] = {
-    "slow": {"insert_s": 3.0, "withdraw_s": 2.4, "dwell_s": 0.8, "depth_m": 0.025, "tremor_m": 0.0001},
-    "normal": {"insert_s": 1.8, "withdraw_s": 1.4, "dwell_s": 0.6, "depth_m": 0.030, "tremor_m": 0.0002},
-    "fast": {"insert_s": 0.9, "withdraw_s": 0.7, "dwell_s": 0.3, "depth_m": 0.035, "tremor_m": 0.0005},
-}
-"""Settings of the simulated operator, see `forefeel.master.settings.OperatorSettings`."""
 BOUNDS_N = {"catheter": ("7, 8", 0.015), "guidewire": ("9, 10", 0.013)}
 """Figures of each instrument, and the bound of the error that the paper states for it."""
 METHODS = "hold", "paper", "newest", "tared", "product"
@@ -201,7 +194,7 @@ def lead_s(time_s: Array, first: Array, second: Array) -> float:
 class ComparedRun:
     """A recording with what each of METHODS predicts for its n samples, and where these are compared.
 
-    `instrument`, `style`, `force_scale` (of the hand): of the simulated bench.
+    `instrument`, `force_scale` (of the hand): of the simulated bench.
     """
 
     name: str
@@ -210,7 +203,6 @@ class ComparedRun:
     predicted_n: dict[str, Array]
     scored: NDArray[np.bool_]
     instrument: str = ""
-    style: str = ""
     force_scale: float = 1.0
 
     def error_n(self, method: str) -> Array:
@@ -258,15 +250,13 @@ def motion_rows(recording: Recording) -> Array:
     return rows
 
 
-def bench_run(instrument: str, style: str, duration_s: float, seed: int) -> ComparedRun:
+def bench_run(instrument: str, duration_s: float, seed: int) -> ComparedRun:
     """The whole product in virtual time over a network of 150 ms one way.
 
     Raises:
         RunError: nothing was predicted.
     """
     plan = make_plan(LoopbackOptions(seed=seed, impairment="paper", preset=instrument, duration_s=duration_s))
-    axis = deep_merge(plan.master["axes"][0], {"handle": STYLES[style]})
-    plan = replace(plan, master={**plan.master, "axes": [axis]})
     loop = VirtualLoopback(plan, seed)
     loop.run(lambda _: None)
     with TemporaryDirectory(prefix="forefeel-") as folder:
@@ -286,10 +276,10 @@ def bench_run(instrument: str, style: str, duration_s: float, seed: int) -> Comp
     answered = np.searchsorted(stamps_ns, force("stamp_ns")[rows][index[index >= 0]])
     product_n[answered] = haptics("predicted_n").astype(np.float64)[index >= 0]
     if not np.isfinite(product_n).any():
-        raise RunError(f"simulated bench, {instrument}, {style}: nothing was predicted in {duration_s:g} s")
-    run = compared(f"{instrument}, {style} (simulated bench)", recorded.to_recording(AXIS), product_n)
+        raise RunError(f"simulated bench, {instrument}: nothing was predicted in {duration_s:g} s")
+    run = compared(f"{instrument} (simulated bench)", recorded.to_recording(AXIS), product_n)
     scale = plan.master_settings().axes[0].rendering.force_scale
-    return replace(run, instrument=instrument, style=style, force_scale=scale)
+    return replace(run, instrument=instrument, force_scale=scale)
 
 
 def measured_run(path: Path) -> ComparedRun:
@@ -599,7 +589,7 @@ def newton(value: float) -> str:
 
 def make(out: Path, folders: Sequence[Path], seed: int, duration_s: float) -> None:
     """Computes everything, writes the figures, prints the tables."""
-    benches = [bench_run(what, style, duration_s, seed) for what in BOUNDS_N for style in STYLES]
+    benches = [bench_run(what, duration_s, seed) for what in BOUNDS_N]
     runs, skipped = list(benches), []
     for path in sorted(path for folder in folders for path in folder.iterdir()):
         if path.suffix.lower() in {".csv", ".parquet", ".mcap"}:
@@ -608,8 +598,7 @@ def make(out: Path, folders: Sequence[Path], seed: int, duration_s: float) -> No
             except RecordingError as error:
                 skipped.append(f"{path.name} skipped: {error}")
     with plotting.styled():
-        normal = [run for run in benches if run.style == "normal"]
-        sections = [simulation(), *map(bench, normal), not_identifiable(), wind_up(), memory(), unmodelled()]
+        sections = [simulation(), *map(bench, benches), not_identifiable(), wind_up(), memory(), unmodelled()]
         for one in (*sections, baseline(runs), thresholds(benches)):
             if one.figure:
                 name = re.sub(r"\W+", "_", one.title.partition(":")[0]).strip("_").lower()
