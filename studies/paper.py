@@ -13,7 +13,6 @@ import argparse
 import os
 import re
 import sys
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -157,29 +156,6 @@ def learn(
     return predicted_n, theta
 
 
-def siso(time_s: Array, u: Array, y: Array, delay_s: float, na: int = 2, nb: int = 2) -> Array:
-    """Equations (3) to (7): y(k) = -a1 y(k-1) ... + b1 u(k-1) ..., learned as the forces arrive, and carried
-    on to now with predictions in the place of what is still on its way; shape (n,), NaN until one arrived.
-    """
-    rls, predicted = paper_rls(na + nb), np.full(len(time_s), nan)
-    past = np.concatenate([np.zeros(na), y]), np.concatenate([np.zeros(nb), u])
-    theta, taught = np.zeros(na + nb), 0
-
-    def phi(outputs: Sequence[float], k: int) -> Array:
-        return np.array([*(-value for value in outputs), *past[1][k : k + nb][::-1]])
-
-    for i, available in enumerate(newest(time_s, delay_s).tolist()):
-        for j in range(taught, available + 1):
-            theta = updated(rls, phi(past[0][j : j + na][::-1].tolist(), j), y[j], 0.0)
-        taught = max(taught, available + 1)
-        outputs = deque(past[0][available + 1 : available + 1 + na][::-1].tolist(), maxlen=na)
-        for k in range(available + 1, i + 1):
-            outputs.appendleft(float(phi(outputs, k) @ theta))
-        if available >= 0:
-            predicted[i] = outputs[0]
-    return predicted
-
-
 def lead_s(time_s: Array, first: Array, second: Array) -> float:
     """By how many seconds `first` is ahead of `second`, both sinusoids of 1 rad/s."""
     basis = np.column_stack([np.cos(time_s), np.sin(time_s)])
@@ -318,9 +294,7 @@ class Section:
 def simulation() -> Section:
     """Figures 4 and 5: x = sin t at 100 Hz, three periods, without and with the delay."""
     figure = plotting.new_figure(5.4)
-    rows: list[Row] = [
-        ("delay", "m, b, k", "error rms", "lead", "newest motion", "lead", "equations (3)-(7)")
-    ]
+    rows: list[Row] = [("delay", "m, b, k", "error rms", "lead", "newest motion", "lead")]
     time_s, phi = sines(100.0, 3 * PERIOD_S)
     force_n, late = phi @ THETA, time_s >= PERIOD_S
     for axes, delay_s in zip(figure.subplots(2, 1), (0.0, DELAY_S), strict=True):
@@ -331,9 +305,7 @@ def simulation() -> Section:
         leads = [
             f"{1e3 * lead_s(time_s[late], n[late], arrived_n[late]):.0f} ms" for n in (stamps_n, newest_n)
         ]
-        discrete_n = siso(time_s, phi[:, 2], force_n, delay_s)
-        discrete = f"{rms((discrete_n - force_n)[late]):.2g} N"
-        rows.append((f"{delay_s:g} s", named(theta), sizes[0], leads[0], sizes[1], leads[1], discrete))
+        rows.append((f"{delay_s:g} s", named(theta), sizes[0], leads[0], sizes[1], leads[1]))
         axes.plot(time_s, force_n, color=GREY, linewidth=5, label="force at the contact, now")
         axes.plot(time_s, arrived_n, color=BLACK, label="measured, as it arrives")
         axes.plot(time_s, stamps_n, color=VERMILION, label="predicted, paired by stamps")

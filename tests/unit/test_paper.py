@@ -24,19 +24,6 @@ def test_paper_rls_equals_weighted_batch_least_squares(lam: float, symmetrise: b
     np.testing.assert_allclose(rls.theta, np.linalg.solve(information, (rows.T * weight) @ y), rtol=1e-8)
 
 
-@pytest.mark.parametrize(("na", "nb"), [(1, 1), (2, 2), (3, 2)])
-def test_equations_3_to_7_carry_a_system_across_the_delay(na: int, nb: int) -> None:
-    a = np.array([-1.2, 0.5, -0.05])[:na] if na > 1 else np.array([-0.8])
-    b = np.array([0.7, -0.3])[:nb]
-    u, y = np.random.default_rng(4).normal(size=300), np.zeros(300)
-    for k in range(300):
-        y[k] = -sum(a[i] * y[k - 1 - i] for i in range(na) if k > i)
-        y[k] += sum(b[i] * u[k - 1 - i] for i in range(nb) if k > i)
-    predicted = paper.siso(np.arange(300) / 100.0, u, y, 0.07, na, nb)
-    assert np.isnan(predicted[:7]).all()
-    np.testing.assert_allclose(predicted[60:], y[60:], atol=1e-4)
-
-
 @pytest.mark.parametrize("delay_s", [0.0, DELAY_S])
 def test_figures_4_and_5_coincide_when_paired_by_stamps(delay_s: float) -> None:
     time_s, phi = sines(100.0, 3 * paper.PERIOD_S)
