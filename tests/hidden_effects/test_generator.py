@@ -74,7 +74,3 @@ def test_rich_motions_separate_full_sizes() -> None:
         hidden = draw(name, 8, **_SHORT)
         assert hidden.truth.motion in RICH
         assert inseparable(hidden) == ()
-
-
-def test_a_tiny_delay_is_not_told_from_a_lag() -> None:
-    assert "sensor_lag" in inseparable(draw("time_delay", 9, 0.02, **_SHORT))

@@ -8,7 +8,6 @@ from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import conditioned
 from forefeel.diagnosis.sensor_faults import clean
 from forefeel.diagnosis.verdict import Look
-from forefeel.results.answer import look_texts
 
 RATE_HZ, SECONDS = 100.0, 60.0
 T = np.arange(int(SECONDS * RATE_HZ)) / RATE_HZ
@@ -56,11 +55,3 @@ def test_the_family_that_takes_most_is_seen_and_none_where_nothing_is_missing() 
 def test_a_force_of_its_own_is_not_explained() -> None:
     own = np.cumsum(np.random.default_rng(4).standard_normal(len(T))) * 0.05
     assert seen(strokes(), own).explained < 0.3
-
-
-def test_the_look_is_told_in_three_lines() -> None:
-    way, shares, family = look_texts(Look(-1.0, 0.98, 0.2, 0.96, 0.98, "friction"))
-    assert "0.98 Hz" in way
-    assert "reaction" in way
-    assert "20 % of the force on held-out blocks, 96 %" in shares
-    assert family.endswith("98 %; friction is the best of the three")
