@@ -159,10 +159,6 @@ def _speeds(extent: Extent) -> list[Shape]:
     return log_grid(max(0.02 * extent.speed_m_s, 4.0 * extent.speed_band), 0.4 * extent.speed_m_s, 6)
 
 
-def _speeds_and_lengths(extent: Extent) -> list[Shape]:
-    return [(speed_m_s, m) for (speed_m_s,) in _speeds(extent)[::2] for (m,) in breakaways_m(extent)]
-
-
 def _two_levels(found: Found) -> Values:
     coulomb_n, more_n = found.coefficients
     shapes = zip(("stribeck_velocity_m_s", "breakaway_m"), found.shape, strict=False)
@@ -203,7 +199,8 @@ class StribeckFriction(_AlongDirection):
             picture="speed",
         ),
         ForceColumns(
-            form="elastic", signs=(1, 1), columns=_gaussian, grid=_speeds_and_lengths,
+            form="elastic", signs=(1, 1), columns=_gaussian,
+            grid=lambda e: [(*speed, *length) for speed in _speeds(e)[::2] for length in breakaways_m(e)],
             naming=_two_levels, sizes=("static_n",), costly=True, picture="speed",
         ),
     )  # fmt: skip

@@ -201,7 +201,7 @@ class Causes:
         for i, name in enumerate(SHAPE):
             if name in known:
                 value, sd = known[name]
-                shape[i] = _coordinate(i, value)
+                shape[i] = np.log(max(value, 1e-300)) if _LOGARITHMIC[i] else value
                 shape_sd[i] = sd / value if _LOGARITHMIC[i] else sd
         return Belief(theta, theta_sd, accepted(shape), shape_sd, *known.get(NOISE, (nan, nan)))
 
@@ -235,10 +235,6 @@ def shape_values(shape: Array) -> Array:
 def shape_slopes(shape: Array) -> Array:
     """d value / d coordinate."""
     return np.where(_LOGARITHMIC, shape_values(shape), 1.0)
-
-
-def _coordinate(i: int, value: float) -> float:
-    return float(np.log(max(value, 1e-300))) if _LOGARITHMIC[i] else value
 
 
 def _phase_rad(lead_turns: float, frequency_hz: float, origin_s: float) -> float:

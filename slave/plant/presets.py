@@ -16,7 +16,6 @@ _STAGE = {
     "velocity_limit_m_s": 0.25,
     "acceleration_limit_m_s2": 20.0,
     "encoder_step_m": 1e-6,
-    "backlash_width_m": 0.0,
     "device_watchdog_s": 0.1,
 }
 

@@ -28,10 +28,9 @@ Contact = Annotated[
 
 
 class StageSettings(Settings):
-    """The drive: a second-order servo with limits, and the play between its motor and the carriage.
+    """The drive: a second-order servo with limits. It stops `device_watchdog_s` after the last setpoint.
 
-    `backlash_width_m` is the full width of the play. The drive stops `device_watchdog_s`
-    after the last setpoint.
+    Play is an effect of the contact, `backlash` or `play`.
     """
 
     travel_lower_m: Position
@@ -41,7 +40,6 @@ class StageSettings(Settings):
     velocity_limit_m_s: Annotated[float, Field(gt=0.0, le=10.0)]
     acceleration_limit_m_s2: Annotated[float, Field(gt=0.0, le=1000.0)]
     encoder_step_m: Annotated[float, Field(gt=0.0, le=1e-3)]
-    backlash_width_m: Annotated[float, Field(ge=0.0, le=0.01)]
     device_watchdog_s: Annotated[float, Field(ge=0.005, le=1.0)]
 
     @model_validator(mode="after")

@@ -1,8 +1,7 @@
-"""The simulated stage: servo, limits, play, encoder and the drive's own watchdog."""
+"""The simulated stage: servo, limits, encoder and the drive's own watchdog."""
 
 from math import copysign, exp, pi, sqrt
 
-from forefeel.common.causes.transmission import Backlash
 from forefeel.slave.plant.settings import StageSettings
 
 EXTRAPOLATION_S = 0.002
@@ -31,10 +30,8 @@ class PlantStage:
         self._free_low_m, self._free_high_m = self._low_m + braking_m, self._high_m - braking_m
         self._watchdog_s = settings.device_watchdog_s
         self._encoder_step_m = settings.encoder_step_m
-        width_m = settings.backlash_width_m
-        self._backlash = Backlash(width_m=width_m) if width_m > 0.0 else None
         self._setpoint: tuple[float, float, float] | None = None
-        self.position_m = self.carriage_m = settings.start_m
+        self.position_m = settings.start_m
         self.velocity_m_s = 0.0
 
     def command(self, position_m: float, velocity_m_s: float, t: float) -> float:
@@ -65,11 +62,7 @@ class PlantStage:
             v = self._stoppable(self._limited(before, v))
             x = self._within_travel(x + v * dt)  # rounding only
         self.position_m, self.velocity_m_s = x, v
-        a = (v - before) / dt
-        if self._backlash is not None:
-            x, v, a = self._backlash.transform(t, x, v, a, dt)
-        self.carriage_m = x
-        return x, v, a
+        return x, v, (v - before) / dt
 
     def _demanded(self, t: float) -> tuple[float, float]:
         """Position and velocity at which the servo alone would be after this step; at rest without setpoint.

@@ -92,7 +92,7 @@ class SimulatedWorld:
         self._stage.hold()
 
     def grip(self, grip: Grip) -> Grip:
-        return self._fixture.set(grip, self._stage.carriage_m)
+        return self._fixture.set(grip, self._stage.position_m)
 
     def stage_readback(self) -> tuple[float, float]:
         """(position_m of the motor's encoder, velocity_m_s) of the last step."""

@@ -49,7 +49,6 @@ def mechanics(start_m: float = START_M) -> StageSettings:
         velocity_limit_m_s=0.5,
         acceleration_limit_m_s2=20.0,
         encoder_step_m=1e-6,
-        backlash_width_m=0.0,
     )
     return StageSettings(**preset)
 

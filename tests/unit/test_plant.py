@@ -229,16 +229,6 @@ def test_the_watchdog_of_the_device_brakes_to_rest_and_holds() -> None:
     assert braking[-1][0] < 0.05
 
 
-def test_play_lies_between_the_encoder_and_the_carriage() -> None:
-    plant = stage(backlash_width_m=0.001, device_watchdog_s=1.0)
-    plant.command(0.01, 0.0, 0.0)
-    carriage_m = run(plant, 0.0, 0.5)[-1][0]
-    assert carriage_m == pytest.approx(0.0095, abs=1e-6)
-    assert plant.readback()[0] == pytest.approx(0.01, abs=1e-6)
-    plant.command(0.0095, 0.0, 0.5)
-    assert run(plant, 0.5, 0.5)[-1][0] == carriage_m
-
-
 PERFECT = LoadCellSettings(full_scale_n=1.0, bits=16, filter_hz=200.0, noise_n=0.0, bias_n=0.0, drift_n_s=0.0)
 
 

@@ -137,13 +137,15 @@ class CoilDevice:
             return b""
         self._sequence += 1
         counts_per_m = self.hardware.sign * self.hardware.counts_per_m
+        pressed = Button.DEADMAN if reading.deadman else Button(0)
+        pressed |= Button.GRIPPER if reading.gripper is Grip.OPEN else Button(0)
         self._sent = encode(
             CoilState(
                 self._sequence,
                 round((t_s - self._started_s) * 1e6),
                 floor(reading.position_m * counts_per_m),
                 round(reading.velocity_m_s * counts_per_m),
-                _buttons(reading),
+                pressed,
                 self._raised(t_s),
                 round(self.current_a * 1e3),
             )
@@ -172,11 +174,6 @@ class CoilDevice:
         allowed = self._command.enabled and not self._raised(t_s)
         wanted_a = self._command.current_ma * 1e-3 if allowed else 0.0
         self.current_a = max(-self._limit_a, min(self._limit_a, wanted_a))
-
-
-def _buttons(reading: HandleReading) -> Button:
-    pressed = Button.DEADMAN if reading.deadman else Button(0)
-    return pressed | (Button.GRIPPER if reading.gripper is Grip.OPEN else Button(0))
 
 
 def build(settings: CoilSettings, around: Surroundings, leave: ExitStack) -> SerialBench:
