@@ -9,8 +9,10 @@ from forefeel.common.error_size import ErrorSize, Floats
 from forefeel.common.events.console import printable
 from forefeel.common.events.text import quantity
 from forefeel.common.limiter import MOTION_RULES
-from forefeel.common.messages import SafetyState
+from forefeel.common.messages import Grip, SafetyState
 from forefeel.common.recording.mcap_reader import Run
+from forefeel.common.topics import SLAVE_STATE
+from forefeel.dashboard.vessel import friction, of_recording
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
 from forefeel.report.drawing import (
@@ -26,6 +28,7 @@ from forefeel.report.drawing import (
     spec,
 )
 from forefeel.report.model import AxisReport, Loops, RunReport, ScoredCommands
+from forefeel.report.score import scored
 from forefeel.report.summary import MOST_EVENTS, SETTLING_S, summarise
 from forefeel.report.template import render
 from forefeel.report.traces import AxisTraces, ParameterTraces, axis_traces
@@ -107,6 +110,7 @@ def render_page(report: RunReport, run: Run) -> str:
     return render(
         "report/page.html.j2",
         report=report,
+        stills={axis: still(run, axis, of) for axis, of in traces.items()},
         pictures={axis: picture(of) for axis, of in traces.items()},
         parameters={axis: parameters(of) for axis, of in traces.items()},
         most_events=MOST_EVENTS,
@@ -116,6 +120,38 @@ def render_page(report: RunReport, run: Run) -> str:
         refused=refused,
         injected=injected,
     )
+
+
+def still(run: Run, axis: str, traces: AxisTraces) -> Figure | None:
+    """The vessel when the late force was furthest from the measured; None where the tip is not known."""
+    vessel, of, known = of_recording(run.metadata), traces.commands, traces.parameters
+    rows = np.flatnonzero(scored(of.predicted_n, of.zoh_n, of.force_n))
+    # what was gripped anew is inserted by another length
+    regripped = any(state.gripper is Grip.OPEN for state in run.messages(axis, SLAVE_STATE))
+    if vessel is None or vessel.axis != axis or regripped or not len(rows):
+        return None
+    row = rows[np.argmax(np.abs(of.zoh_n - of.force_n)[rows])]
+    reported_s = of.time_s[row] - np.nanmedian(traces.force_age_s)
+    tip_m = np.interp(reported_s, traces.readback_time_s, traces.readback_m)
+    most_mn, felt_mn = (1e3 * np.nanmax(np.abs(each)) for each in (of.zoh_n, of.rendered_n))
+    spec = {
+        "vessel": vessel.model_dump(mode="json"),
+        "reach_mm": [1e3 * end(of.position_m) + vessel.tip_mm for end in (np.nanmin, np.nanmax)],
+        "tip_mm": 1e3 * tip_m + vessel.tip_mm,
+        "commanded_mm": 1e3 * of.position_m[row] + vessel.tip_mm,
+        "predicted_mn": 1e3 * of.predicted_n[row],
+        "felt_mn": 1e3 * of.rendered_n[row],
+        "measured_mn": 1e3 * of.zoh_n[row],
+        "late_ms": round(1e3 * np.median(traces.delay_s)),
+        "most_mn": most_mn,
+        "most_felt_mn": felt_mn,
+        **(friction(known.names, known.values[-1], known.standard_deviations[-1]) if known else {}),
+    }
+    caption = (
+        f"At {of.time_s[row]:.1f} s, when the late force was furthest from the measured one of the same "
+        "command. Dashed: where the hand had the tip by then. Friction: as known at the end of the run."
+    )
+    return Figure("In the vessel", caption, 168, (spec,))
 
 
 def picture(traces: AxisTraces) -> Figure | None:

@@ -14,7 +14,7 @@ def check_page(page: str, figures: int) -> None:
     data = re.findall(r'<script type="application/json">(.*?)</script>', page)
     assert len(data) == page.count("<canvas") == page.count("<script")
     for spec in data:
-        assert "panels" in json.loads(spec)
+        assert {"panels", "vessel"} & json.loads(spec).keys()
         assert not re.search(r"\b(NaN|Infinity)\b", spec)
     assert page.count('class="plots"') == figures
     assert not re.search(r">[^<]*\b(nan|inf|None)\b[^<]*<", page)

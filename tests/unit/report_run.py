@@ -14,6 +14,7 @@ from tests.unit.dashboard import said
 
 MS = 1_000_000
 START_NS = 5_000 * MS
+VESSEL = '{"instrument_radius_mm": 1, "lumen_radius_mm": {"0": 2, "90": 0.5}}'
 SESSION = 2**62 + 1  # no float holds it
 S = SafetyState
 
@@ -151,7 +152,7 @@ def write_known_run(path: Path, reason: str = "deadman pressed", seed: str = "7"
     """
     with RunWriter(path) as writer:
         run = RunBuilder(writer)
-        writer.add_metadata("run", {"seed": seed, "impairment": "wan"})
+        writer.add_metadata("run", {"seed": seed, "impairment": "wan", "vessel": VESSEL})
         run.handshake(0, '{"axis": "insertion", "max_force_n": 3.0}')
         for t_ms in range(0, 10_001, 20):
             state = S.IDLE if t_ms < 1000 else S.ARMED if 2000 <= t_ms < 8000 else S.READY

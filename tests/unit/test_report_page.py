@@ -11,7 +11,7 @@ from tests.unit.report_run import RunBuilder, S, recorded, write_known_run
 
 HOSTILE = '<script>alert("1")</script>'
 Fields = dict[str, str | float | None]
-TITLES = "Force", "Identified parameters"
+TITLES = "In the vessel", "Force", "Identified parameters"
 
 
 @pytest.fixture(scope="module")

@@ -31,6 +31,12 @@ export function drawVessel(canvas, spec) {
   picture.arrow("measured", late, spec.measured_mn, most_mn, spec.tip_mm, 2);
 }
 
+/** Draws it again, too, when size or theme change. */
+export function showVessel(canvas, spec) {
+  new ResizeObserver(() => drawVessel(canvas, spec)).observe(canvas);
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => drawVessel(canvas, spec));
+}
+
 /** As deep as the instrument has been, and ahead of it as much as arrows need. */
 function shown({ vessel, reach_mm: [low, high] }) {
   const start = vessel ? 0 : low, known = vessel ? Math.max(0, ...Object.values(vessel.landmarks_mm)) : low;
