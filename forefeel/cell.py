@@ -6,7 +6,7 @@ with ff.connect("master.yaml") as cell:
     print(cell.stop("enough"))
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -18,7 +18,7 @@ from typing import Any
 from forefeel.common.bus import observed
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.codec import Codec
-from forefeel.common.errors import CodecError
+from forefeel.common.errors import CodecError, ConfigurationError
 from forefeel.common.messages import ForceSample, HapticSample, SlaveState
 from forefeel.common.topics import FORCE, HAPTICS, SLAVE_STATE, parse_key
 from forefeel.common.transport.security import Party
@@ -38,10 +38,10 @@ class Axis:
 
 
 class Cell:
-    """The newest of what a cell says; `stop` stops it."""
+    """The newest messages of a cell; `stop` stops it."""
 
-    def __init__(self, caller: Caller) -> None:
-        self._caller, self._came = caller, Condition()
+    def __init__(self, caller: Caller, fields: Collection[str]) -> None:
+        self._caller, self._fields, self._came = caller, fields, Condition()
         self._newest: dict[str, dict[str, Any]] = {}
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
@@ -82,9 +82,13 @@ class Cell:
         return next(iter(sorted(self.axes.items())), ("", Axis()))[1]
 
     def wait(self, timeout_s: float = 5.0) -> bool:
-        """Waits for anything to be heard; False: nothing came."""
+        """Waits until every axis has sent all that this end may receive; False: something is missing."""
         with self._came:
-            return self._came.wait_for(lambda: bool(self._newest), timeout_s)
+            return self._came.wait_for(self._complete, timeout_s)
+
+    def _complete(self) -> bool:
+        axes = self._caller.axes or tuple(self._newest)
+        return bool(axes) and all(self._newest.get(axis, {}).keys() >= set(self._fields) for axis in axes)
 
     def stop(self, reason: str = "asked for by a program") -> Mapping[str, str]:
         """Says an emergency stop until every axis shows it, for 2 s at most; the state of each axis then.
@@ -96,20 +100,25 @@ class Cell:
 
 @contextmanager
 def connect(config: str | Path, *, insecure: bool = False) -> Iterator[Cell]:
-    """A running cell by the settings file of its master or of a viewer.
+    """Connects to a running cell by the settings file of its master or of a viewer.
 
     Args:
-        config: the YAML file. With certificates only a viewer hears the prediction.
+        config: the YAML file. With certificates only a viewer receives predictions, and the master has to
+            `listen` for it.
         insecure: goes without certificates outside this host.
 
     Raises:
         InputError: the file, a certificate or an endpoint can not be used.
     """
     caller, faults = caller_of(Path(config), insecure), list[Exception]()
-    cell, party = Cell(caller), Party(caller.role, (caller.cell,))
+    if caller.role == "slave":
+        raise ConfigurationError(f"{config}: role = 'slave': expected the file of a master or a viewer")
+    hears_all = caller.role == "viewer" or caller.transport.pki is None
+    fields = _FIELDS.values() if hears_all else ("state", "force")
+    cell, party = Cell(caller, fields), Party(caller.role, (caller.cell,))
     opened = ZenohTransport.open(caller.transport, MonotonicClock(), faults.append, party, insecure=insecure)
     with closing(opened):
-        if caller.role == "viewer" or caller.transport.pki is None:
+        if hears_all:
             opened.subscribe_all(f"forefeel/{caller.cell}", cell.hear)
         else:  # certificates let an end hear what comes from the other one
             for topic, axis in product((SLAVE_STATE, FORCE), caller.axes):

@@ -65,6 +65,8 @@ def run_daemon(
     Raises:
         InputError: an endpoint or a file can not be used, or no slave answers. RunError: a fault ended it.
     """
+    if not (settings.transport.listen or settings.transport.connect):
+        raise ConfigurationError("transport: no endpoint; expected one in listen or in connect")
     die_with_parent()
     gc.disable()  # what is loaded stays: to look for garbage in it took a tenth of the start
     _load(settings)

@@ -265,7 +265,7 @@ def _introduced(device: ConfiguredDevice, link: DeviceLink) -> str:
     if not link.serial:
         raise DeviceSetupError(
             f"{device.name} on {device.where}: no serial number; expected one to bind the calibration to; "
-            f"where {device.driver.name} has `serial`, write the number on its label"
+            f"where {device.driver.name} has the setting `serial`, set it to the number on the device's label"
         )
     who = link.identity or device.driver.name
     say(f"{device.name}: {who}" + ("" if link.serial in who else f", serial {link.serial}"))

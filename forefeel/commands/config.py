@@ -30,6 +30,8 @@ def _verdict(file: Path, found: Any) -> None:  # noqa: ANN401 - settings of any 
     cells = found.cells if role == "router" else [found.cell]
     axes = "".join(f", axis {axis.name}{axis.limits.meaning}" for axis in getattr(found, "axes", ()))
     links = f"certificates in {pki}" if pki else "no certificates"
+    if not (found.transport.listen or found.transport.connect):
+        links = "no endpoint yet: add one to transport.listen or transport.connect"
     say(f"Verdict  valid: {role} of {'cells' if cells[1:] else 'cell'} {', '.join(cells)}{axes}; {links}")
     command = _NEXT.get(role, role)
     suggest(command, config=file, out="run.mcap" if command == "record" else None)

@@ -18,7 +18,7 @@ Connect = Annotated[
 ]
 ObservedCell = Annotated[str | None, typer.Option("--cell", help="Which cell; default cell.")]
 ObserverConfig = Annotated[
-    Path | None, typer.Option("--config", metavar="FILE", help="YAML of an observer instead of the options.")
+    Path | None, typer.Option("--config", metavar="FILE", help="YAML of a viewer or recorder, instead.")
 ]
 ObserverPki = Annotated[
     Path | None, typer.Option("--pki", metavar="DIR", help="Certificates of a viewer or recorder.")

@@ -40,7 +40,10 @@ def init(
         done = init_folder(folder, cell or [], hosts or [], days, now_utc())
     for place, what in done.items():
         say(f"{what:<9} {place}")
-    say(f"copy each folder to its host, for transport.pki; keep {folder / AUTHORITY_KEY} off the hosts")
+    say(
+        "copy new folders as a whole and of renewed ones the .crt to their hosts, for transport.pki; "
+        f"keep {folder / AUTHORITY_KEY} off the hosts"
+    )
     suggest("pki", "show", folder)
 
 

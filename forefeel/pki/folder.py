@@ -44,7 +44,7 @@ def init_folder(
 
     Args:
         folder: new, empty, or one of this function; cells that it has need not be named.
-        hosts: `[CELL/]ROLE=HOST,HOST`; those of a certificate that are not given stay.
+        hosts: `[CELL/]ROLE=HOST,HOST`, without CELL for each of `cells`, if any; others keep theirs.
         days: how long new certificates are valid.
 
     Returns:
@@ -55,9 +55,9 @@ def init_folder(
             written. RunError: it can not be written; called again it goes on.
     """
     there = {path.parents[1].name for path in folder.glob("*/*/*.crt") if path.name != AUTHORITY}
-    cells = _checked_cells([*cells, *sorted(there.difference(cells))])
+    named, cells = cells, _checked_cells([*cells, *sorted(there.difference(cells))])
     parties = [Party(role, (cell,)) for cell in cells for role in CELL_ROLES] + [Party("router", cells)]
-    given = _parsed_hosts(hosts, parties)
+    given = _parsed_hosts(hosts, parties, named)
     if not (folder / AUTHORITY).exists() and (
         folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir())))
     ):
@@ -219,8 +219,11 @@ def _checked_cells(cells: Sequence[str]) -> tuple[str, ...]:
     return tuple(cells)
 
 
-def _parsed_hosts(words: Sequence[str], parties: Sequence[Party]) -> Mapping[str, Sequence[str]]:
-    """Hosts by `_place`; a role alone means that of every cell."""
+def _parsed_hosts(
+    words: Sequence[str], parties: Sequence[Party], named: Sequence[str]
+) -> Mapping[str, Sequence[str]]:
+    """Hosts by `_place`; a role alone means that of every cell in `named`, or of all where it is empty."""
+    of_named = [party for party in parties if not named or not set(named).isdisjoint(party.cells)]
     hosts: dict[str, list[str]] = {}
     for text in words:
         who, equals, listed = text.partition("=")
@@ -228,7 +231,8 @@ def _parsed_hosts(words: Sequence[str], parties: Sequence[Party]) -> Mapping[str
             raise ConfigurationError(
                 f"--hosts {text!r}: expected ROLE=HOST,HOST as in slave=10.0.0.1,slave-host"
             )
-        meant = [_place(party) for party in parties if who in {_place(party), party.role}]
+        meant = [_place(party) for party in parties if who == _place(party)]
+        meant = meant or [_place(party) for party in of_named if who == party.role]
         if not meant:
             known = ", ".join(_place(party) for party in parties)
             raise ConfigurationError(f"--hosts {text!r}: {who!r} is nobody here; expected one of {known}")

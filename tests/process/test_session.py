@@ -12,7 +12,7 @@ import yaml
 import forefeel as ff
 from forefeel.common.topics import FORCE, HAPTICS, SAFETY_EVENT
 from tests.live_cell import AXIS, CELL, LiveCell, check_stops
-from tests.waiting import wait_until
+from tests.waiting import PATIENCE_S, wait_until
 
 
 @pytest.fixture
@@ -78,8 +78,8 @@ def test_emergency_stop_outlives_kill_until_cleared(cell: LiveCell) -> None:
     viewer = {"role": "viewer", "cell": CELL, "transport": {"connect": ends, "pki": str(cell.pki)}}
     (cell.folder / "viewer.yaml").write_text(yaml.safe_dump(viewer))
     with ff.connect(cell.folder / "viewer.yaml") as seen:
-        wait_until(lambda: seen.state and seen.force and seen.prediction)
+        assert seen.wait(PATIENCE_S) and seen.state and seen.force and seen.prediction
     with ff.connect(cell.folder / "master.yaml") as seen:
-        wait_until(lambda: seen.state and seen.force)
+        assert seen.wait(PATIENCE_S) and seen.state and seen.force
         assert seen.stop("enough") == {AXIS: "estopped"}
     check_stops(cell.messages(SAFETY_EVENT))

@@ -91,7 +91,7 @@ def test_init_again_adds_cells_and_keeps_the_rest(tmp_path: Path) -> None:
     lab = tmp_path / "lab"
     init_folder(lab, ["a"], ["slave=10.0.0.1"], 90, NOW)
     before = {path: path.read_bytes() for path in lab.rglob("*.*") if path.name != "router.json5"}
-    done = init_folder(lab, ["b"], ["b/slave=10.0.0.9"], 90, NOW + DAY)
+    done = init_folder(lab, ["b"], ["slave=10.0.0.9"], 90, NOW + DAY)
     assert {path: path.read_bytes() for path in before} == before
     assert {str(path.relative_to(lab)) for path, what in done.items() if what == "new"} == {
         f"b/{role}" for role in CELL_ROLES
