@@ -8,11 +8,12 @@ import numpy as np
 
 from forefeel.common.estimation.state_filter import StateFilter
 from forefeel.common.recording.recording import Array, Recording
-from forefeel.devices.simulated.settings import MultiSineSettings, OperatorSettings
+from forefeel.devices.simulated.settings import OperatorSettings
 
 SMOOTHING_HZ = 40.0
 """Cutoff of the low-pass that a recorded motion passes: it makes the acceleration that no encoder has."""
 
+_FREQUENCIES_HZ = 0.23, 0.61, 1.37, 2.9  # of the multi-sine; chosen: none is a multiple of another
 Course = tuple[Array, Array, Array]
 """Position m, velocity m/s and acceleration m/s^2, each shape (n,)."""
 
@@ -57,11 +58,9 @@ def sine(start_m: float, depth_m: float, frequency_hz: float) -> Sines:
 
 
 def multisine(start_m: float, depth_m: float, random: np.random.Generator) -> Sines:
-    """The frequencies of the master's multi-sine handle, with phases of the seed."""
-    frequencies_hz = MultiSineSettings(driver="multisine").frequencies_hz
-    return Sines(
-        start_m, depth_m, frequencies_hz, random.uniform(0.0, 2.0 * pi, len(frequencies_hz)).tolist()
-    )
+    """With phases of the seed."""
+    phases = random.uniform(0.0, 2.0 * pi, len(_FREQUENCIES_HZ)).tolist()
+    return Sines(start_m, depth_m, _FREQUENCIES_HZ, phases)
 
 
 class Hand:

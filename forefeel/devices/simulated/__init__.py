@@ -34,5 +34,3 @@ RECORDED_HANDLE = Driver(
     "forefeel.devices.simulated.playback:make_recorded",
     "plays the motion of a recording",
 )
-SINE = Driver(s.SineSettings, "forefeel.devices.simulated.playback:make_sine", "a sine")
-MULTISINE = Driver(s.MultiSineSettings, "forefeel.devices.simulated.playback:make_multisine", "several sines")

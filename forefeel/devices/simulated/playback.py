@@ -1,10 +1,6 @@
-"""Handles whose motion is given: a recording, a sine, a multi-sine. The hand is rigid; the rendered force
-does not move it.
-"""
+"""A handle whose motion is that of a recording. The hand is rigid; the rendered force does not move it."""
 
 from bisect import bisect_right
-from collections.abc import Sequence
-from math import cos, pi, sin
 
 from forefeel.common.clock import Clock
 from forefeel.common.errors import RecordingError
@@ -12,7 +8,7 @@ from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Recording
 from forefeel.devices.simulated.operator import Act, MinimumJerk, SimulatedHandle
-from forefeel.devices.simulated.settings import MultiSineSettings, RecordedHandleSettings, SineSettings
+from forefeel.devices.simulated.settings import RecordedHandleSettings
 from forefeel.master.handle import HandleReading
 
 
@@ -20,14 +16,11 @@ class RecordedMotion:
     """A measured position, linear between its samples, never across a gap longer than `GAP_S`.
 
     Attributes:
-        carries_time: whether the commands carry the motion's time as recording time.
         pieces: (start, end) in s of each, in order; the clutch is opened between two.
 
     Raises:
         RecordingError: every sample stands alone between gaps.
     """
-
-    carries_time = True
 
     def __init__(self, recording: Recording) -> None:
         self._time_s: list[float] = recording.time_s.tolist()
@@ -48,30 +41,12 @@ class RecordedMotion:
         return x0 + velocity_m_s * (t_s - t0), velocity_m_s
 
 
-class MultiSine:
-    """x = centre - sum a_i cos(w_i t): starts at rest at its lowest, stays within centre +- sum a_i; one
-    frequency makes a sine.
-    """
-
-    carries_time = False
-    pieces = ((0.0, float("inf")),)
-
-    def __init__(self, centre_m: float, amplitude_m: float, frequencies_hz: Sequence[float]) -> None:
-        self._centre_m = centre_m
-        self._a_m = amplitude_m / len(frequencies_hz)
-        self._omega = [2.0 * pi * frequency_hz for frequency_hz in frequencies_hz]
-
-    def at(self, t_s: float) -> tuple[float, float]:
-        position_m = self._centre_m - sum(self._a_m * cos(w * t_s) for w in self._omega)
-        return position_m, sum(self._a_m * w * sin(w * t_s) for w in self._omega)
-
-
 class Playback(SimulatedHandle):
     """Plays a motion by absolute position: aligns with the stage, arms, goes to the start of the piece, plays
     it, opens the clutch.
     """
 
-    def __init__(self, motion: RecordedMotion | MultiSine, approach_m_s: float) -> None:
+    def __init__(self, motion: RecordedMotion, approach_m_s: float) -> None:
         super().__init__()
         self._motion = motion
         self._approach_m_s = approach_m_s
@@ -120,8 +95,7 @@ class Playback(SimulatedHandle):
         if self._play_s > self._motion.pieces[self._piece][1]:
             return self._end_piece(now_ns)
         self._position_m, velocity_m_s = self._motion.at(self._play_s)
-        time_s = self._play_s if self._motion.carries_time else None
-        return HandleReading(self._position_m, velocity_m_s, True, recording_time_s=time_s)
+        return HandleReading(self._position_m, velocity_m_s, True, recording_time_s=self._play_s)
 
     def _end_piece(self, now_ns: int) -> HandleReading:
         self._piece += 1
@@ -137,13 +111,3 @@ def make_recorded(settings: RecordedHandleSettings, _clock: Clock) -> Playback:
     """Raises RecordingError for a recording that can not be used."""
     recording = load_recording(settings.recording, settings.columns.mapping() if settings.columns else None)
     return Playback(RecordedMotion(recording), settings.approach_m_s)
-
-
-def make_sine(settings: SineSettings, _clock: Clock) -> Playback:
-    sine = MultiSine(settings.centre_m, settings.amplitude_m, (settings.frequency_hz,))
-    return Playback(sine, settings.approach_m_s)
-
-
-def make_multisine(settings: MultiSineSettings, _clock: Clock) -> Playback:
-    sines = MultiSine(settings.centre_m, settings.amplitude_m, settings.frequencies_hz)
-    return Playback(sines, settings.approach_m_s)

@@ -68,25 +68,3 @@ class RecordedHandleSettings(HandleDriverSettings):
     recording: ExistingFile
     columns: ColumnSettings | None = None
     approach_m_s: Annotated[float, Field(gt=0, le=1)] = 0.03
-
-
-class SineSettings(HandleDriverSettings):
-    """A sine around `centre_m`."""
-
-    hardware: ClassVar[bool] = False
-    driver: Literal["sine"]
-    centre_m: float = 0.02
-    amplitude_m: Annotated[float, Field(gt=0, le=0.5)] = 0.01
-    frequency_hz: Annotated[float, Field(gt=0, le=50)] = 0.5
-    approach_m_s: Annotated[float, Field(gt=0, le=1)] = 0.03
-
-
-class MultiSineSettings(HandleDriverSettings):
-    """Several sines of equal amplitude around `centre_m`, whose sum is at most `amplitude_m`."""
-
-    hardware: ClassVar[bool] = False
-    driver: Literal["multisine"]
-    centre_m: float = 0.02
-    amplitude_m: Annotated[float, Field(gt=0, le=0.5)] = 0.01
-    frequencies_hz: Annotated[tuple[float, ...], Field(min_length=2, max_length=20)] = (0.23, 0.61, 1.37, 2.9)
-    approach_m_s: Annotated[float, Field(gt=0, le=1)] = 0.03
