@@ -15,6 +15,7 @@ ForefeelError
 ```
 """
 
+import shlex
 from collections.abc import Mapping
 
 
@@ -48,7 +49,13 @@ class UnclearError(RecordingError):
 
     def __str__(self) -> str:
         arguments = ", ".join(f"{quantity}={text!r}" for quantity, text in self.columns.items())
-        return f"{self.doubt}; if so, add: {arguments}"
+        return f"{self.doubt}; check columns and units, then add: {arguments}"
+
+    def answered_by(self, *command: object) -> str:
+        """In one line the doubt, and the command to type with what it lacked."""
+        lacking = [word for quantity, text in self.columns.items() for word in (f"--{quantity}", text)]
+        typed = shlex.join(map(str, ("forefeel", *command, *lacking)))
+        return f"{self.doubt}; check columns and units, then type: {typed}"
 
 
 class EndpointError(InputError):

@@ -6,7 +6,6 @@ import signal
 signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 import os
-import shlex
 import sys
 from contextlib import suppress
 from typing import NoReturn
@@ -32,21 +31,17 @@ def main() -> None:
     try:
         code = _stop() if sys.argv[1:2] == ["estop"] else _command()
     except UnclearError as error:
-        _complain(f"{error.doubt}; if so, type: {_answered(error)}", 2)
+        words = iter(sys.argv[1:])
+        given = [
+            word for word in words if word.removeprefix("--") not in error.columns or not next(words, "")
+        ]
+        _complain(error.answered_by(*given), 2)
     except InputError as error:
         _complain(str(error), 2)
     except ForefeelError as error:
         _complain(str(error), 1)
     else:
         sys.exit(code)
-
-
-def _answered(doubt: UnclearError) -> str:
-    """The command that was typed, with what it lacked."""
-    words = iter(sys.argv[1:])
-    given = [word for word in words if word.removeprefix("--") not in doubt.columns or not next(words, "")]
-    lacking = [word for quantity, text in doubt.columns.items() for word in (f"--{quantity}", text)]
-    return shlex.join(["forefeel", *given, *lacking])
 
 
 def _stop() -> int:

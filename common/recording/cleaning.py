@@ -24,10 +24,10 @@ def clean(time_s: Array, values: Array) -> tuple[Array, Array, list[str]]:
     """
     done: list[str] = []
     whole = np.isfinite(time_s) & np.isfinite(values).all(axis=0)
-    time_s, values = _kept(time_s, values, whole, "without one of the numbers", done)
+    time_s, values = _kept(time_s, values, whole, "for a missing number", done)
     if len(time_s) > 1:
         same = (np.diff(time_s) == 0.0) & (np.diff(values) == 0.0).all(axis=0)
-        time_s, values = _kept(time_s, values, np.append(True, ~same), "that stand twice", done)
+        time_s, values = _kept(time_s, values, np.append(True, ~same), "as duplicates", done)
     time_s, values = _ordered(time_s, values, done)
     return _spread(time_s, done), values, done
 
@@ -56,7 +56,7 @@ def _ordered(time_s: Array, values: Array, done: list[str]) -> tuple[Array, Arra
     for place in far + 1:
         time_s[place:] += time_s[place - 1] + _APART_S - time_s[place]
     if len(far):
-        done.append(f"time goes back {len(far)} time(s): taken as runs, {_APART_S:g} s apart")
+        done.append(f"the time goes back ({len(far)} x): taken as {len(far) + 1} runs, {_APART_S:g} s apart")
     return time_s, values[:, order]
 
 
@@ -69,5 +69,5 @@ def _spread(time_s: Array, done: list[str]) -> Array:
     steps = np.diff(time_s[first])
     steps = np.minimum(np.append(steps, steps[-1]), GAP_S)
     within = np.arange(len(time_s)) - np.repeat(first, counts)
-    done.append(f"{len(time_s) - len(first):,} stamps that stand twice spread evenly")
+    done.append(f"{len(time_s) - len(first):,} duplicate stamps spread evenly")
     return np.asarray(time_s + within * np.repeat(steps / counts, counts))

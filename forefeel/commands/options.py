@@ -78,4 +78,4 @@ def extra(name: str, *packages: str) -> Iterator[None]:
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] not in packages:
             raise
-        raise ConfigurationError(f"needs an extra: pip install forefeel[{name}]") from error
+        raise ConfigurationError(f"needs an extra: pip install 'forefeel[{name}]'") from error

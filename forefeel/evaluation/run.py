@@ -51,7 +51,7 @@ def run_evaluation(
         prepared, skipped = _read(files, columns, link)
         fresh_folder(folder, (_JSON, _PAGE), "an earlier evaluation", overwrite)
         for each in prepared.values():
-            say(f"{each.recording.source}: {each.recording.taken}")
+            say(": ".join(filter(None, (each.recording.source, each.recording.taken))))
         for reason in skipped.values():
             say(f"skipped: {reason}")
         evaluated = _evaluate(prepared, model)

@@ -53,7 +53,7 @@ class DashboardProcess:
             return
         self._started = True
         if find_spec("starlette") is None:
-            self._say("dashboard: needs an extra: pip install forefeel[dashboard]")
+            self._say("dashboard: needs an extra: pip install 'forefeel[dashboard]'")
             return
         connect = [word for endpoint in self.endpoints for word in ("--connect", endpoint)]
         words = ["dashboard", "--told", "--cell", CELL, *connect]

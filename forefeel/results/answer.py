@@ -27,7 +27,7 @@ FLAGS = {
     "short": "under 10 s, so what is slow (relaxation, drift, breath) can hardly be told",
     "force_is_the_reaction": "force and position count in opposite directions here; signs were turned",
 }
-_LEFT_OUT = "The simulation leaves out, the largest first:"
+_LEFT_OUT = "The simulation leaves out the causes below, the largest first."
 _SAID = {
     "nothing_missing": "Nothing is missing: mass, damper and spring explain the force{}.",
     "nothing_found": (
@@ -37,7 +37,7 @@ _SAID = {
     "not_driven_by_this_axis": (
         "The motion of this axis does not cause the force: the force's own past tells more of it."
     ),
-    "not_separable": ("Something is missing, and this motion can not tell which of several causes it is:"),
+    "not_separable": ("Something is missing, and this motion can not tell which of several causes it is."),
     "unexplained": (
         "Something is missing that none of the known causes explains. Nothing is named: the nearest name "
         "would mislead."

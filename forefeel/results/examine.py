@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING
 from threadpoolctl import threadpool_limits
 
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.errors import ConfigurationError, ForefeelError, InputError, RecordingError, RunError
+from forefeel.common.errors import (
+    ConfigurationError,
+    ForefeelError,
+    InputError,
+    RecordingError,
+    RunError,
+    UnclearError,
+)
 from forefeel.common.events.text import units_of
 from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Recording
@@ -93,6 +100,8 @@ def attempt(task: Task) -> TaskOutcome:
     """A task that never raises what belongs to its recording only."""
     try:
         result, page = examine(task)
+    except UnclearError as error:
+        return TaskOutcome(task, skipped=error.answered_by("diagnose", task.file))
     except InputError as error:
         return TaskOutcome(task, skipped=" ".join(str(error).split()))
     except RunError as error:
@@ -123,7 +132,8 @@ def _examined(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
         across = _prediction(recording, model, found.details.analysis.regression.sense)
     texts = {MODEL: dump_mapping(model.to_mapping()), JSON: _document(found.details, across)}
     given = None if task.given is None else task.given.name
-    lines = (*([recording.taken] if recording.taken else []), *answer(recording, diagnosis, across, given))
+    taken = [(f"{each.name}: " if task.beside else "") + each.taken for each in recordings if each.taken]
+    lines = (*taken, *answer(recording, diagnosis, across, given))
     return Result(diagnosis, lines, texts), partial(_page, task, found.details, across)
 
 

@@ -70,7 +70,8 @@ def run_folder(task: Task, out: Path, jobs: int, scheduler: str | None, overwrit
             f"{len(summary.failed)} of {len(files)} recordings failed; {SUMMARY} in {out} says why"
         )
     if len(summary.diagnosed) > 1:
-        suggest("diagnose", task.file, "--together", out=out / "together", **asdict(task.columns))
+        files = [file for file in files if file.stem in summary.diagnosed] if summary.skipped else [task.file]
+        suggest("diagnose", *files, "--together", out=out / "together", **asdict(task.columns))
 
 
 def _free(files: Iterable[Path], out: Path, overwrite: bool, summary: Summary) -> Iterator[Path]:

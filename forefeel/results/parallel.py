@@ -97,7 +97,7 @@ def _cluster(scheduler: str) -> Iterator[tuple[Executor, int]]:
     try:
         distributed = import_module("distributed")
     except ImportError as error:
-        raise ConfigurationError("--scheduler: needs dask: pip install forefeel[cluster]") from error
+        raise ConfigurationError("--scheduler: needs dask: pip install 'forefeel[cluster]'") from error
     _prove_listening(scheduler)
     try:
         client = distributed.Client(scheduler, timeout=_PATIENCE_S, set_as_default=False)

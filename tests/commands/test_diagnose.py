@@ -170,7 +170,7 @@ def test_millimetres_are_asked_for_with_command_that_works(
     asked = capsys.readouterr().err
     assert "position_m spans 15.3 m" in asked
     assert not (tmp_path / "in mm").exists()
-    command = shlex.split(asked.partition("if so, type: ")[2])
+    command = shlex.split(asked.partition("then type: ")[2])
     assert command == ["forefeel", "diagnose", "in mm.csv", "--position", "mm:position_m"]
     assert run([*command[1:], "--no-page"]) == 0
     assert document(tmp_path / "in mm")["verdict"] == "cause_found"

@@ -83,7 +83,7 @@ def test_doubt_says_which_arguments_answer_it() -> None:
     table = {"Time": recording.time_s, "Weg": recording.position_m, "Force (N)": recording.force_n}
     with pytest.raises(ff.UnclearError) as raised:
         ff.load(table)
-    assert str(raised.value).endswith("if so, add: time='s:Time', position='m:Weg'")
+    assert str(raised.value).endswith("then add: time='s:Time', position='m:Weg'")
     assert raised.value.columns == {"time": "s:Time", "position": "m:Weg"}
     assert ff.load(table, **raised.value.columns).taken == "time s:Time, position m:Weg, force N:Force (N)"
 

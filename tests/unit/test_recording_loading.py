@@ -99,13 +99,13 @@ def misplaced() -> str:
 @pytest.mark.parametrize(
     ("content", "count", "note"),
     [
-        (with_missing(), 398, "2 of 400 rows dropped without one of the numbers"),
+        (with_missing(), 398, "2 of 400 rows dropped for a missing number"),
         (
             "".join([lines()[0], *(row * 2 for row in lines()[1:])]),
             400,
-            "400 of 800 rows dropped that stand twice",
+            "400 of 800 rows dropped as duplicates",
         ),
-        (run_twice(), 800, "time goes back 1 time(s)"),
+        (run_twice(), 800, "the time goes back (1 x): taken as 2 runs"),
         (misplaced(), 400, "2 rows put in their order"),
         (text(_SI)[:-15], 399, "the last line, which is cut off"),
     ],

@@ -32,4 +32,4 @@ def test_without_the_extra_one_line_says_so(
     monkeypatch.setitem(sys.modules, "uvicorn", None)
     monkeypatch.delitem(sys.modules, "forefeel.dashboard.server", raising=False)
     assert run(command.split()) == 2
-    assert "pip install forefeel[dashboard]" in capsys.readouterr().err
+    assert "pip install 'forefeel[dashboard]'" in capsys.readouterr().err
