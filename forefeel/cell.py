@@ -1,8 +1,8 @@
 """A running cell from outside: what it says, and a stop.
 
 with ff.connect("master.yaml") as cell:
-    cell.wait()
-    print(cell.state.state, cell.force.force_n, cell.prediction.predicted_n)
+    if cell.wait():
+        print(cell.state.state, cell.force.force_n, cell.prediction.predicted_n)
     print(cell.stop("enough"))
 """
 
