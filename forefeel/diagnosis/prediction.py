@@ -4,10 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from forefeel.common.causes.candidate import entry
-from forefeel.common.causes.model import SCHEMA, ContactModel
-from forefeel.common.causes.sensor import Bias
-from forefeel.common.causes.wall import MassDamperSpring
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.error_size import rms
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
@@ -15,22 +12,14 @@ from forefeel.diagnosis.evaluation.evaluate import prepare
 from forefeel.diagnosis.evaluation.methods import METHODS, MethodTrace, replay
 from forefeel.diagnosis.evaluation.score import completed
 from forefeel.diagnosis.long_recording import cut
-from forefeel.diagnosis.regression import BASE
 
 DELAY_S = 0.3
 _LONGEST = 20_000  # samples that are replayed
-_LINEAR = ContactModel.from_mapping(
-    {
-        "schema": SCHEMA,
-        "name": "m, b, k and bias",
-        "effects": [entry(MassDamperSpring, dict.fromkeys(BASE, 0.0)), entry(Bias, {"force_n": 0.0})],
-    }
-)
 
 
 @dataclass(frozen=True, slots=True)
 class Across:
-    """rms errors in N across `delay_s`: of zoh, of forefeel with m, b, k and bias, and extended."""
+    """rms errors in N across `delay_s`: of zoh, of the master without a model, and with the extended one."""
 
     delay_s: float
     zoh_n: float
@@ -48,7 +37,7 @@ def across_delay(recording: Recording, extended: ContactModel) -> Across:
         recording = cut(recording, slice(0, _LONGEST))
     prepared = prepare(recording, DelayedLink(DELAY_S, 0.0, 0.0, 0))
     before, after = (
-        replay(recording, prepared.arrivals, METHODS["forefeel"](model)) for model in (_LINEAR, extended)
+        replay(recording, prepared.arrivals, METHODS["forefeel"](model)) for model in (None, extended)
     )
 
     def error_n(trace: MethodTrace) -> float:

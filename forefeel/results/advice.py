@@ -46,7 +46,7 @@ def _with_the_model(across: "Across | str | None") -> list[str]:
 
 
 def better(across: "Across") -> bool:
-    """Whether the extended model predicts better than mass, damper, spring and bias."""
+    """Whether the extended model predicts better than the master does without a model."""
     return across.after_n < (1.0 - _ALIKE) * across.before_n
 
 
