@@ -39,8 +39,19 @@ class ArrayTable:
         return [self._columns[name]() for name in names]
 
 
-def needs(path: Path, package: str, extra: str) -> RecordingError:
-    return RecordingError(f"{path}: reading {path.suffix} needs {package}: pip install 'forefeel[{extra}]'")
+@contextmanager
+def reading(path: Path, what: str, package: str) -> Iterator[None]:
+    """What a library raises in the body becomes one line; `package` may not be installed."""
+    try:
+        yield
+    except RecordingError:
+        raise
+    except ImportError as error:
+        needs = f"needs {package}: pip install 'forefeel[formats]'"
+        raise RecordingError(f"{path}: reading {path.suffix} {needs}") from error
+    except Exception as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise RecordingError(f"{path}: {reason}, expected {what} that is whole") from error
 
 
 def _require_room(path: Path, size: int, what: str = "") -> None:
@@ -84,25 +95,17 @@ def spreadsheet(path: Path) -> TextTable:
 
 
 def _as_text(path: Path) -> bytes:
-    try:
+    with reading(path, "a spreadsheet", "openpyxl"), opened(path) as file:
         import openpyxl  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        raise needs(path, "openpyxl", "formats") from error
-    try:
-        with opened(path) as file:
-            _require_room(path, sum(part.file_size for part in zipfile.ZipFile(file).infolist()))
-            book = openpyxl.load_workbook(file, read_only=True, data_only=True)
-            for sheet in book.worksheets:
-                written = io.StringIO()
-                rows = csv.writer(written, delimiter="\t")
-                rows.writerows(sheet.iter_rows(values_only=True))
-                if written.tell():
-                    return written.getvalue().encode()
-    except RecordingError:
-        raise
-    except Exception as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise RecordingError(f"{path}: {reason}, expected a spreadsheet that is whole") from error
+
+        _require_room(path, sum(part.file_size for part in zipfile.ZipFile(file).infolist()))
+        book = openpyxl.load_workbook(file, read_only=True, data_only=True)
+        for sheet in book.worksheets:
+            written = io.StringIO()
+            rows = csv.writer(written, delimiter="\t")
+            rows.writerows(sheet.iter_rows(values_only=True))
+            if written.tell():
+                return written.getvalue().encode()
     raise RecordingError(f"{path}: no cells, expected a table of time, position and force")
 
 
@@ -193,16 +196,12 @@ def matlab(path: Path) -> ArrayTable:
     with opened(path) as file:
         if b"\x89HDF\r\n" in file.read(1024):
             return hdf5(path)
-        file.seek(0)
-        try:
+        with reading(path, "a MATLAB file", "scipy"):
+            file.seek(0)
             sizes = [8 * int(np.prod(shape)) for _, shape, _ in whosmat(file)]
             _require_room(path, sum(sizes))
             file.seek(0)
             return _table(path, _flat(loadmat(file, simplify_cells=True)))
-        except RecordingError:
-            raise
-        except Exception as error:
-            raise RecordingError(f"{path}: {error}, expected a MATLAB file that is whole") from error
 
 
 def hdf5(path: Path) -> ArrayTable:
@@ -211,24 +210,17 @@ def hdf5(path: Path) -> ArrayTable:
     Raises:
         RecordingError: not installed, unreadable, damaged, or no table in it.
     """
-    try:
-        import h5py  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        raise needs(path, "h5py", "formats") from error
     found: dict[str, Array] = {}
+    with reading(path, "an HDF5 file", "h5py"), opened(path):
+        import h5py  # noqa: PLC0415 - an extra
 
-    def take(name: str, item: Any) -> None:  # noqa: ANN401 - of h5py
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf" and not name.startswith("#"):
-            _require_room(path, sum(each.nbytes for each in found.values()) + 8 * item.size)
-            found[name.replace("/", ".")] = item[()]
+        def take(name: str, item: Any) -> None:  # noqa: ANN401 - of h5py
+            if isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf" and not name.startswith("#"):
+                _require_room(path, sum(each.nbytes for each in found.values()) + 8 * item.size)
+                found[name.replace("/", ".")] = item[()]
 
-    with opened(path):
-        pass
-    try:
         with h5py.File(path) as file:
             file.visititems(take)
-    except OSError as error:
-        raise RecordingError(f"{path}: {error}, expected an HDF5 file that is whole") from error
     return _table(path, found)
 
 
@@ -242,7 +234,7 @@ def _flat(variables: Mapping[str, Any], head: str = "") -> dict[str, Array]:
     return found
 
 
-def _table(path: Path, found: Mapping[str, Array]) -> ArrayTable:
+def _table(path: Path, found: Mapping[str, Array], units: Mapping[str, str] | None = None) -> ArrayTable:
     """Of the arrays those of the usual length, a matrix as its columns."""
     columns: dict[str, Array] = {}
     for name, value in found.items():
@@ -257,7 +249,7 @@ def _table(path: Path, found: Mapping[str, Array]) -> ArrayTable:
         raise RecordingError(f"{path}: no arrays of numbers, expected time, position and force")
     usual = max(lengths, key=lambda length: (lengths[length], length))
     kept = {name: values for name, values in columns.items() if len(values) == usual}
-    return ArrayTable({name: _given(values) for name, values in kept.items()}, {})
+    return ArrayTable({name: _given(values) for name, values in kept.items()}, units or {})
 
 
 def _given(values: Array) -> Callable[[], Array]:
@@ -273,31 +265,25 @@ def tdms(path: Path) -> ArrayTable:
     Raises:
         RecordingError: not installed, unreadable, damaged, or no table in it.
     """
-    try:
+    with reading(path, "a TDMS file", "npTDMS"), opened(path) as raw:
         from nptdms import TdmsFile  # noqa: PLC0415 - an extra
-    except ImportError as error:
-        raise needs(path, "npTDMS", "formats") from error
-    try:
-        with opened(path) as raw, TdmsFile.open(raw) as file:
-            channels = [channel for group in file.groups() for channel in group.channels()]
-            _require_room(path, sum(8 * len(channel) for channel in channels))
-            lengths = Counter(map(len, channels))
-            usual = max(lengths, key=lambda length: (lengths[length], length), default=0)
-            channels = [channel for channel in channels if len(channel) == usual]
-            names = Counter(channel.name for channel in channels)
-            step_s = channels[0].properties.get("wf_increment") if channels else None
-            found: dict[str, Any] = {"time_s": np.arange(usual) * float(step_s)} if step_s else {}
-            units = dict[str, str]()
-            for channel in channels:
-                name = channel.name if names[channel.name] == 1 else f"{channel.group_name}/{channel.name}"
-                values = np.asarray(channel[:])
-                units[name] = str(channel.properties.get("unit_string", ""))
-                if values.dtype.kind == "M":
-                    values, units[name] = values.astype("datetime64[ns]").astype(np.int64) * 1e-9, "s"
-                if values.dtype.kind in "iuf":
-                    found[name] = values
-    except RecordingError:
-        raise
-    except Exception as error:
-        raise RecordingError(f"{path}: {error}, expected a TDMS file that is whole") from error
-    return ArrayTable(_table(path, found)._columns, units)
+
+        file = TdmsFile.open(raw)
+        channels = [channel for group in file.groups() for channel in group.channels()]
+        _require_room(path, sum(8 * len(channel) for channel in channels))
+        lengths = Counter(map(len, channels))
+        usual = max(lengths, key=lambda length: (lengths[length], length), default=0)
+        channels = [channel for channel in channels if len(channel) == usual]
+        names = Counter(channel.name for channel in channels)
+        step_s = channels[0].properties.get("wf_increment") if channels else None
+        found: dict[str, Any] = {"time_s": np.arange(usual) * float(step_s)} if step_s else {}
+        units = dict[str, str]()
+        for channel in channels:
+            name = channel.name if names[channel.name] == 1 else f"{channel.group_name}/{channel.name}"
+            values = np.asarray(channel[:])
+            units[name] = str(channel.properties.get("unit_string", ""))
+            if values.dtype.kind == "M":
+                values, units[name] = values.astype("datetime64[ns]").astype(np.int64) * 1e-9, "s"
+            if values.dtype.kind in "iuf":
+                found[name] = values
+    return _table(path, found, units)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from forefeel.common.errors import RecordingError
-from forefeel.common.recording.array_tables import needs
+from forefeel.common.recording.array_tables import reading
 from forefeel.common.recording.recording import Array, opened, room_of
 
 _UNITS = {"force": "N", "torque": "Nm", "position": "m"}
@@ -85,32 +85,23 @@ def _numbers(value: Any, head: str) -> Iterator[tuple[str, float]]:  # noqa: ANN
 
 def _messages(path: Path) -> Iterator[tuple[str, int, Any, int]]:
     """(topic, ns, message, bytes) of all that can be read."""
-    with opened(path):
-        pass
-    try:
+    with reading(path, "a recording of ROS", "rosbags"), opened(path) as file:
         from rosbags.highlevel import AnyReader  # noqa: PLC0415 - an extra
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415
-    except ImportError as error:
-        raise needs(path, "rosbags", "formats") from error
-    try:
+
         if path.suffix == ".mcap":
             from mcap.reader import make_reader  # noqa: PLC0415
 
             store = get_typestore(Stores.ROS2_HUMBLE)
-            with opened(path) as file:
-                for schema, channel, record in make_reader(file).iter_messages():
-                    if schema is None or channel.message_encoding != "cdr":
-                        continue
-                    if schema.name not in store.types and schema.encoding == "ros2msg":
-                        store.register(get_types_from_msg(schema.data.decode(), schema.name))
-                    message = store.deserialize_cdr(record.data, schema.name)
-                    yield channel.topic, record.log_time, message, len(record.data)
+            for schema, channel, record in make_reader(file).iter_messages():
+                if schema is None or channel.message_encoding != "cdr":
+                    continue
+                if schema.name not in store.types and schema.encoding == "ros2msg":
+                    store.register(get_types_from_msg(schema.data.decode(), schema.name))
+                message = store.deserialize_cdr(record.data, schema.name)
+                yield channel.topic, record.log_time, message, len(record.data)
             return
         with AnyReader([path]) as reader:
             for connection, log_ns, data in reader.messages():
                 message = reader.deserialize(data, connection.msgtype)
                 yield connection.topic, log_ns, message, len(data)
-    except RecordingError:
-        raise
-    except Exception as error:
-        raise RecordingError(f"{path}: {error}, expected a recording of ROS that is whole") from error
