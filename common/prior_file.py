@@ -9,7 +9,6 @@ one.
 
 import json
 import os
-from collections.abc import Iterator
 from contextlib import suppress
 from datetime import date
 from pathlib import Path
@@ -116,18 +115,6 @@ def load_prior(path: Path) -> StoredPrior | None:
     return stored
 
 
-def stored_priors(directory: Path, instrument: str = "*") -> Iterator[StoredPrior | ConfigurationError]:
-    """Each file of the folder, or of one instrument in it, in the order of their names; or why it is none."""
-    for path in sorted(directory.glob(f"{instrument}/*.json")):
-        try:
-            stored = load_prior(path)
-        except ConfigurationError as error:
-            yield error
-        else:
-            if stored is not None:
-                yield stored
-
-
 def nearest(directory: Path, instrument: str, patient: str) -> Start | None:
     """What a session with that instrument and patient starts from: the patient's own prior, else that of the
     patient who had the instrument last, widened for another patient. None where there is neither.
@@ -141,11 +128,7 @@ def nearest(directory: Path, instrument: str, patient: str) -> Start | None:
     own = load_prior(prior_path(directory, instrument, patient))
     if own is not None:
         return Start(widened(own.prior(), 1.0), f"{instrument}, patient {patient}: {own.amount}")
-    others = []
-    for found in stored_priors(directory, instrument):
-        if isinstance(found, ConfigurationError):
-            raise found
-        others.append(found)
+    others = [found for path in sorted(directory.glob(f"{instrument}/*.json")) if (found := load_prior(path))]
     if not others:
         return None
     newest = max(others, key=lambda other: (other.date, other.contact_s))

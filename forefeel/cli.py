@@ -40,7 +40,6 @@ COMMANDS = {
     "calibrate load-cell": "Tare, then every weight up and down; gain and zero by least squares, residual, "
     "hysteresis.",
     "calibrate stage": "Home twice and go from end to end; asks before it moves. Take the instrument out.",
-    "prior list": "List what was learned of the contact: instrument, patient, date, contact, sessions.",
     "pki init": "Make an authority and certificates for each host; again: add hosts, renew what ends soon.",
     "pki show": "Show names, hosts and expiry; exit 1 where one is red.",
 }
@@ -53,7 +52,7 @@ SECTIONS = {
         "dashboard --connect tcp/10.0.0.2:7447", "metrics --connect tcp/10.0.0.2:7447",
         "view run.mcap", "report run.mcap --out out",
     ),
-    "Diagnose": ("evaluate run.csv", "simulate --model model.yaml --out run.csv", "prior list --dir priors"),
+    "Diagnose": ("evaluate run.csv", "simulate --model model.yaml --out run.csv"),
     "Hardware": (
         "devices", "device probe --config slave.yaml", "calibrate load-cell --config slave.yaml",
         "emulate zaber_ascii",
@@ -69,7 +68,6 @@ GROUPS = {
     "config": "Settings.",
     "device": "The devices of a configuration.",
     "calibrate": "Dated calibration files of load cells and stages.",
-    "prior": "What was learned of the contact, per instrument and patient.",
     "pki": "Certificates of the cells of a laboratory.",
 }
 

@@ -22,6 +22,7 @@ from sys import float_info
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -40,8 +41,6 @@ from forefeel.diagnosis.evaluation.rls import PRIOR_VARIANCE, RecursiveLeastSqua
 from forefeel.loopback.plan import AXIS, LoopbackOptions, make_plan, resisting_sign
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.score import first_answers
-from studies import plotting
-from studies.plotting import BLACK, BLUE, GREY, ORANGE, PURPLE, SKY, VERMILION
 
 Array = NDArray[np.float64]
 Rls = PaperRls | RecursiveLeastSquares
@@ -293,7 +292,7 @@ class Section:
 
 def simulation() -> Section:
     """Figures 4 and 5: x = sin t at 100 Hz, three periods, without and with the delay."""
-    figure = plotting.new_figure(5.4)
+    figure = Figure(figsize=(11.0, 5.4), layout="constrained")
     rows: list[Row] = [("delay", "m, b, k", "error rms", "lead", "newest motion", "lead")]
     time_s, phi = sines(100.0, 3 * PERIOD_S)
     force_n, late = phi @ THETA, time_s >= PERIOD_S
@@ -306,11 +305,11 @@ def simulation() -> Section:
             f"{1e3 * lead_s(time_s[late], n[late], arrived_n[late]):.0f} ms" for n in (stamps_n, newest_n)
         ]
         rows.append((f"{delay_s:g} s", named(theta), sizes[0], leads[0], sizes[1], leads[1]))
-        axes.plot(time_s, force_n, color=GREY, linewidth=5, label="force at the contact, now")
-        axes.plot(time_s, arrived_n, color=BLACK, label="measured, as it arrives")
-        axes.plot(time_s, stamps_n, color=VERMILION, label="predicted, paired by stamps")
-        axes.plot(time_s, newest_n, color=PURPLE, dashes=(3, 3), label="paired with the newest motion")
-        plotting.finish(axes, "time in s", "force in N")
+        axes.plot(time_s, force_n, color="0.75", linewidth=5, label="force at the contact, now")
+        axes.plot(time_s, arrived_n, "k", label="measured, as it arrives")
+        axes.plot(time_s, stamps_n, label="predicted, paired by stamps")
+        axes.plot(time_s, newest_n, "--", label="paired with the newest motion")
+        _finish(axes, "force in N")
     return Section(
         "Figures 4 and 5: the simulation without and with 300 ms delay",
         "x = sin t, lambda 0.96, 100 Hz. Paired by the slave's stamps the prediction coincides with the "
@@ -326,33 +325,40 @@ def bench(run: ComparedRun) -> Section:
     time_s, force_n = run.recording.time_s[run.scored] - run.recording.time_s[0], run.force_n[run.scored]
     prompt_n = learn(run.recording.time_s, motion_rows(run.recording), run.force_n, 0.0)[0]
     shown = {
-        "paper, no delay": (prompt_n[run.scored], SKY),
-        "paper, 300 ms": (run.predicted_n["paper"][run.scored], VERMILION),
-        "hold, 300 ms": (run.predicted_n["hold"][run.scored], ORANGE),
-        "product, 300 ms": (run.predicted_n["product"][run.scored], BLUE),
+        "paper, no delay": prompt_n[run.scored],
+        "paper, 300 ms": run.predicted_n["paper"][run.scored],
+        "hold, 300 ms": run.predicted_n["hold"][run.scored],
+        "product, 300 ms": run.predicted_n["product"][run.scored],
     }
-    figure = plotting.new_figure(6.2)
+    figure = Figure(figsize=(11.0, 6.2), layout="constrained")
     first, second = figure.subplots(2, 1, sharex=True)
-    plotting.limit_y(first, 1e3 * force_n, beside=1e3 * shown["paper, 300 ms"][0], trim=0.001)
-    plotting.limit_y(second, *(1e3 * (made_n - force_n) for made_n, _ in shown.values()), trim=0.0005)
-    second.axhspan(-1e3 * bound_n, 1e3 * bound_n, color=GREY, alpha=0.35, label="stated in the paper")
-    plotting.plot(first, time_s, 1e3 * force_n, BLACK, "measured", width=1.6)
+    first.plot(time_s, 1e3 * force_n, "k", label="measured")
+    second.axhspan(-1e3 * bound_n, 1e3 * bound_n, color="0.85", label="stated in the paper")
+    span_mn = 1e3 * float(np.ptp(force_n))  # the paper's algorithm goes further, out of the picture
+    first.set_ylim(1e3 * force_n.min() - 0.4 * span_mn, 1e3 * force_n.max() + 0.4 * span_mn)
+    second.set_ylim(-0.8 * span_mn, 0.8 * span_mn)
     rows: list[Row] = [("", "rms", "max", f"within {1e3 * bound_n:g} mN")]
-    for name, (made_n, colour) in shown.items():
+    for name, made_n in shown.items():
         error_n = np.abs(made_n - force_n)
         share = f"{100 * np.mean(error_n <= bound_n):.1f} %"
         rows.append((name, newton(rms(error_n)), newton(float(error_n.max())), share))
-        plotting.plot(first, time_s, 1e3 * made_n, colour, name)
-        plotting.plot(second, time_s, 1e3 * (made_n - force_n), colour, name)
+        first.plot(time_s, 1e3 * made_n, label=name)
+        second.plot(time_s, 1e3 * (made_n - force_n), label=name)
     rows.append(("the force itself", newton(rms(force_n)), newton(float(np.abs(force_n).max())), ""))
-    plotting.finish(first, "", "force in mN", columns=5)
-    plotting.finish(second, "time in s", "error in mN", columns=5)
+    _finish(first, "force in mN")
+    _finish(second, "error in mN")
     return Section(
         f"Figures {figures}: {run.instrument}, simulated bench",
         "Not the paper's phantom: the simulated vessel, stage and operator of this product in virtual time.",
         rows,
         figure,
     )
+
+
+def _finish(axes: Axes, y: str) -> None:
+    axes.set(xlabel="time in s", ylabel=y)
+    axes.margins(x=0.01)
+    axes.legend(ncols=5, loc="lower left", bbox_to_anchor=(0, 1))  # where it hides nothing
 
 
 def identified(*parts: tuple[float, float]) -> tuple[Array, Array, tuple[str, ...]]:
@@ -569,14 +575,13 @@ def make(out: Path, folders: Sequence[Path], seed: int, duration_s: float) -> No
                 runs.append(measured_run(path))
             except RecordingError as error:
                 skipped.append(f"{path.name} skipped: {error}")
-    with plotting.styled():
-        sections = [simulation(), *map(bench, benches), not_identifiable(), wind_up(), memory(), unmodelled()]
-        for one in (*sections, baseline(runs), thresholds(benches)):
-            if one.figure:
-                name = re.sub(r"\W+", "_", one.title.partition(":")[0]).strip("_").lower()
-                one.figure.savefig(out / f"{name}.png", dpi=120)
-            table = (" | ".join(line) for line in one.rows)
-            print(f"\n{one.title}", one.caption, *table, sep="\n  ")
+    sections = [simulation(), *map(bench, benches), not_identifiable(), wind_up(), memory(), unmodelled()]
+    for one in (*sections, baseline(runs), thresholds(benches)):
+        if one.figure:
+            name = re.sub(r"\W+", "_", one.title.partition(":")[0]).strip("_").lower()
+            one.figure.savefig(out / f"{name}.png", dpi=120)
+        table = (" | ".join(line) for line in one.rows)
+        print(f"\n{one.title}", one.caption, *table, sep="\n  ")
     print("", *skipped, f"the figures are in {out}", sep="\n")
 
 

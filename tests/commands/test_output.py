@@ -2,13 +2,10 @@
 
 import json
 from collections.abc import Callable, Sequence
-from datetime import date
 from pathlib import Path
 
 import pytest
 
-from forefeel.common.estimation.contact_prior import ContactPrior
-from forefeel.common.prior_file import keep_prior
 from forefeel.doctor.examine import Finding
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
@@ -24,7 +21,6 @@ ANSWERS = {
     "device probe --config @/slave.yaml --seconds 0.05": None,
     "doctor": None,
     "pki show @/pki": None,
-    "prior list --dir @/priors": None,
     "evaluate @/recordings/strokes.csv --out @/out": "evaluation.json",
     "diagnose @/recordings/strokes.csv --out @/out": "diagnosis.json",
     "report @/run.mcap --out @/out": "report.json",
@@ -43,8 +39,6 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("made")
     (folder / "slave.yaml").write_text("role: slave\n")
     make_pki(folder / "pki")
-    learned = ContactPrior(("mass_damper_spring.stiffness_n_m",), (7.5,), ((0.01,),), 12.0)
-    keep_prior(folder / "priors", "catheter", "A", learned, date(2025, 3, 1))
     (folder / "recordings").mkdir()
     put(folder / "recordings" / "strokes.csv", made(6.0, friction_n=FRICTION_N))
     loop = VirtualLoopback(make_plan(LoopbackOptions(seed=1, duration_s=3.0)), 1)
