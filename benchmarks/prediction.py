@@ -238,7 +238,7 @@ def compared(
         try:
             prepared = prepare(recording, DelayedLink(delay_s))
         except RecordingError as error:
-            skipped.append(f"{name}: {error}")
+            skipped.append(f"{name}: {str(error).rpartition(': ')[2]}")
             continue
         rows += (found := scored(kind, name, prepared, delay_s, methods))
         table.add([name, *map(_cell, found), *[beside] * len(live)])

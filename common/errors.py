@@ -26,6 +26,10 @@ class ForefeelError(Exception):
 class InputError(ForefeelError):
     """What the user gave is wrong; the text is one line that says where, what and what was expected."""
 
+    def answered_by(self, *command: object) -> str:
+        """The text in one line; to it the command to type, where a word would do."""
+        return " ".join(str(self).split())
+
 
 class ConfigurationError(InputError):
     """A configuration file, or one of its values, is wrong."""
@@ -52,7 +56,6 @@ class UnclearError(RecordingError):
         return f"{self.doubt}; check columns and units, then add: {arguments}"
 
     def answered_by(self, *command: object) -> str:
-        """In one line the doubt, and the command to type with what it lacked."""
         lacking = [word for quantity, text in self.columns.items() for word in (f"--{quantity}", text)]
         typed = shlex.join(map(str, ("forefeel", *command, *lacking)))
         return f"{self.doubt}; check columns and units, then type: {typed}"

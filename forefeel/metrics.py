@@ -114,7 +114,7 @@ def _add(found: Families, axis: str, role: str, message: Message) -> None:
             for each in SafetyState:
                 in_it = float(message.state is each)
                 found.gauge("safety_state", "1 for the one it is in", in_it, axis=axis, state=each.value)
-            found.counter("stops", "out of motion, but by a release", message.stops, axis=axis)
+            found.counter("stops", "out of motion, asked for by nobody", message.stops, axis=axis)
             found.gauge("position_metres", "the stage's readback", message.position_m, axis=axis)
             found.gauge("velocity_metres_per_second", "the stage's readback", message.velocity_m_s, axis=axis)
         case MasterState():

@@ -241,7 +241,7 @@ class AxisControl:
             self._engaged_ns = now_ns
         elif before in (SafetyState.ENGAGING, SafetyState.ARMED) and after is not SafetyState.ARMED:
             self._released = False
-            self.stops += event is not E.RELEASE
+            self.stops += event not in (E.RELEASE, E.ESTOP)
         elif event is E.SESSION_OPENED:
             self._command, self._released, self._usual_transit_ns = None, False, None
 

@@ -77,18 +77,18 @@ def _read(
         if times > 1:
             raise ConfigurationError(f"{times} files are named {stem!r}; expected one of each name")
     prepared: dict[str, Prepared] = {}
-    skipped: dict[str, RecordingError] = {}
+    skipped: dict[Path, RecordingError] = {}
     for path in files:
         try:
             prepared[path.stem] = prepare(load_recording(path, columns, force=True), link)
         except RecordingError as error:
-            skipped[path.stem] = error
+            skipped[path] = error
     if not prepared:
-        *others, last = skipped.values()
-        for reason in others:
-            complain(str(reason))
+        *others, (_, last) = skipped.items()
+        for path, reason in others:
+            complain(reason.answered_by("evaluate", path))
         raise last
-    return prepared, {stem: " ".join(str(error).splitlines()) for stem, error in skipped.items()}
+    return prepared, {path.stem: error.answered_by("evaluate", path) for path, error in skipped.items()}
 
 
 def _evaluate(prepared: dict[str, Prepared], model: ContactModel | None) -> dict[str, Evaluated]:

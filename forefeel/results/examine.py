@@ -17,12 +17,12 @@ from forefeel.common.errors import (
     InputError,
     RecordingError,
     RunError,
-    UnclearError,
 )
 from forefeel.common.events.text import units_of
 from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.units import Mapping as ColumnMapping
+from forefeel.common.recording.units import Quantity
 from forefeel.common.yaml_file import dump_mapping
 from forefeel.diagnosis.diagnose import Diagnosed
 from forefeel.diagnosis.verdict import Diagnosis
@@ -59,12 +59,13 @@ class Task:
 class Result:
     """The diagnosis, the short answer and the text of each of `FILES` that is there.
 
-    `page_failed`: why there is no page, in one line.
+    `columns`: of the recording, with their units. `page_failed`: why there is no page, in one line.
     """
 
     diagnosis: Diagnosis
     lines: tuple[str, ...]
     texts: Mapping[str, str]
+    columns: Mapping[Quantity, str]
     page_failed: str | None = None
 
 
@@ -100,10 +101,8 @@ def attempt(task: Task) -> TaskOutcome:
     """A task that never raises what belongs to its recording only."""
     try:
         result, page = examine(task)
-    except UnclearError as error:
-        return TaskOutcome(task, skipped=error.answered_by("diagnose", task.file))
     except InputError as error:
-        return TaskOutcome(task, skipped=" ".join(str(error).split()))
+        return TaskOutcome(task, skipped=error.answered_by("diagnose", task.file))
     except RunError as error:
         return TaskOutcome(task, failed=" ".join(str(error).split()))
     if not task.page:
@@ -134,7 +133,7 @@ def _examined(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
     given = None if task.given is None else task.given.name
     taken = [(f"{each.name}: " if task.beside else "") + each.taken for each in recordings if each.taken]
     lines = (*taken, *answer(recording, diagnosis, across, given))
-    return Result(diagnosis, lines, texts), partial(_page, task, found.details, across)
+    return Result(diagnosis, lines, texts, recording.columns), partial(_page, task, found.details, across)
 
 
 def _page(task: Task, diagnosed: Diagnosed, across: "Across | str | None") -> str:

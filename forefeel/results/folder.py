@@ -1,7 +1,7 @@
 """The diagnoses of a folder: each recording for itself, past bad ones, and a summary."""
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -11,8 +11,9 @@ from rich.table import Table
 from rich.text import Text
 
 from forefeel.common.errors import InputError, RunError
-from forefeel.common.events.text import quantity
+from forefeel.common.events.text import quantity, units_of
 from forefeel.common.recording.loading import recordings_in
+from forefeel.common.recording.units import Quantity
 from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order, heeded
@@ -28,9 +29,10 @@ EARLIER = "an earlier diagnosis"
 
 @dataclass(slots=True)
 class Summary:
-    """Diagnoses by the recording's stem; reasons by the file's name."""
+    """Diagnoses and columns by the recording's stem; reasons by the file's name."""
 
     diagnosed: dict[str, Diagnosis] = field(default_factory=dict)
+    columns: dict[str, Mapping[Quantity, str]] = field(default_factory=dict)
     skipped: dict[str, str] = field(default_factory=dict)
     failed: dict[str, str] = field(default_factory=dict)
 
@@ -113,6 +115,7 @@ def _take(outcome: TaskOutcome, out: Path, overwrite: bool, summary: Summary, wr
     save(folder, outcome.result, [])
     written.append(f"{file.stem}/")
     summary.diagnosed[file.stem] = outcome.result.diagnosis
+    summary.columns[file.stem] = outcome.result.columns
     if outcome.result.page_failed is not None:
         complain(outcome.result.page_failed)
 
@@ -165,6 +168,7 @@ def _table(summary: Summary) -> Table:
     made = table("recording", "verdict", *numbers, right=numbers)
     for stem, diagnosis in sorted(summary.diagnosed.items()):
         held = diagnosis.held_out
-        sizes = (quantity(size, "N") for size in (held.rmse_before_n, held.rmse_after_n))
-        made.add_row(Text(stem), Text(named(diagnosis)), *sizes, noise_text(diagnosis))
+        with units_of(summary.columns[stem]):
+            sizes = (quantity(size, "N") for size in (held.rmse_before_n, held.rmse_after_n))
+            made.add_row(Text(stem), Text(named(diagnosis)), *sizes, noise_text(diagnosis))
     return made

@@ -36,20 +36,24 @@ def test_good_files_are_evaluated_and_bad_ones_skipped(
         str(tmp_path / "missing.csv"),
     ]
     (tmp_path / "broken.csv").write_text("time_s,position_m,force_n\n0,0,1\n0.01,x,1\n")
+    unclear = tmp_path / "unclear.csv"
+    unclear.write_text(Path(files[0]).read_text().replace("position_m", "position"))
     out = tmp_path / "new" / "out"
-    assert run(["evaluate", *files, str(tmp_path / "broken.csv"), "--delay", "0.3", "--out", str(out)]) == 0
+    files += [str(tmp_path / "broken.csv"), str(unclear)]
+    assert run(["evaluate", *files, "--delay", "0.3", "--out", str(out)]) == 0
     shown = capsys.readouterr()
     assert sorted(path.name for path in out.iterdir()) == ["evaluation.html", "evaluation.json"]
     found = document(out)
     assert list(found["recordings"]) == ["contact"]  # type: ignore[call-overload]
     skipped = found["skipped"]
     assert isinstance(skipped, dict)
-    assert set(skipped) == {"short", "free", "missing", "broken"}
+    assert set(skipped) == {"short", "free", "missing", "broken", "unclear"}
+    assert f"type: forefeel evaluate {unclear} --position m:position" in skipped["unclear"]
     assert "at least 3.3 s" in skipped["short"]
     assert "no force" in skipped["free"]
     assert "No such file" in skipped["missing"]
     assert "line 3" in skipped["broken"]
-    assert shown.err.count("skipped: ") == 4
+    assert shown.err.count("skipped: ") == 5
     row = next(line for line in shown.out.splitlines() if line.startswith("| contact"))
     methods = found["recordings"]["contact"]["methods"]  # type: ignore[index]
     for name in "paper", "mbk_bias", "forefeel":

@@ -158,6 +158,7 @@ def test_a_stop_that_comes_with_the_clearing_of_another_one_holds() -> None:
     rig.tick(estop="first")
     rig.tick(estop="second", clear=True)
     assert (rig.state(), rig.reason) == (S.ESTOPPED, "second")
+    assert rig.control.stops == 0  # somebody chose them
     rig.tick(clear=True)
     assert rig.state() is S.READY
 
