@@ -5,15 +5,24 @@ from collections.abc import Mapping as NamedUnits
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from forefeel.common.recording.units import Quantity, unit_of
+from forefeel.common.recording.units import QUANTITIES, Quantity, unit_of
 
 _WORDS: dict[Quantity, str] = {
-    "time": "time|t|timestamp|stamp|zeit|zeitstempel|elapsed|temps|tiempo|tempo|seconds|clock",
-    "position": "position|pos|displacement|disp|stroke|travel|extension|elongation|depth|indentation"
-    "|insertion|deflection|compression|distance|crosshead|weg|hub|deplacement|x|q|angle|theta|winkel",
-    "force": "force|load|kraft|last|tension|f|fx|fy|fz|loadcell|effort|torque|moment|drehmoment|wrench",
+    "time": "time|t|tout|timestamp|stamp|zeit|zeitstempel|elapsed|temps|tiempo|tempo|seconds|clock",
+    "position": "position|pos|displacement|displ?|stroke|travel|extension|elongation|depth|indentation"
+    "|insertion|deflection|compression|dist|distance|crosshead|weg|hub|deplacement|allongement|d|x|q"
+    "|angle|theta|winkel",
+    "force": "force|forc|load|kraft|last|tension|f|fx|fy|fz|loadcell|effort|[a-z]?torque|tau|moment"
+    "|drehmoment|wrench",
 }
 _PATTERNS = {each: re.compile(rf"(?:^|[^a-z])(?:{words})(?:[^a-z]|$)") for each, words in _WORDS.items()}
+_DERIVATIVE = re.compile(
+    r"^[av]$|(?:^|[^a-z])(?:[a-z]?d{1,2}[qx]|vel|velocity|speed|acc|acceleration|dot)(?:[^a-z]|$)"
+)
+"""Speed and acceleration, which are none of the three."""
+_ROTARY = re.compile(
+    r"(?:^|[^a-z])(?:[a-z]?q|angle|theta|winkel|[a-z]?torque|tau|moment|drehmoment)(?:[^a-z]|$)"
+)
 _BRACKETED = re.compile(r"(.*?)[\s_]*[\[(]([^\])]*)[\])]\s*")
 _SUFFIXED = re.compile(r"(.*?)(?:_|\s+in\s+|\s*/\s*|\s*,\s*|\s+)([^\s_/,]+)\s*")
 _CANONICAL: dict[Quantity, str] = {"time": "time_s", "position": "position_m", "force": "force_n"}
@@ -36,9 +45,29 @@ def candidates(names: Sequence[str], units: NamedUnits[str, str], quantity: Quan
     for name in names:
         bare, unit = split_unit(name, quantity)
         unit = unit_of(quantity, units.get(name, "")) or unit
-        if _PATTERNS[quantity].search(bare.lower()):
+        other = unit is None and quantity == "position" and _PATTERNS["force"].search(bare.lower())
+        if _PATTERNS[quantity].search(bare.lower()) and not other and not is_derivative(bare):
             found.append(Choice(name, unit))
     return [choice for choice in found if choice.unit is not None] or found
+
+
+def undecided(names: Sequence[str], units: NamedUnits[str, str], quantity: Quantity) -> list[Choice]:
+    """The columns whose name speaks of nothing else."""
+    others = [each for each in QUANTITIES if each != quantity]
+    return [
+        Choice(name, unit_of(quantity, units.get(name, "")))
+        for name in names
+        if not is_derivative(name) and not any(split_unit(name, other)[1] for other in others)
+    ]
+
+
+def is_derivative(name: str) -> bool:
+    return _DERIVATIVE.search(name.lower()) is not None
+
+
+def is_rotary(name: str) -> bool:
+    """Whether it speaks of an angle or a torque."""
+    return _ROTARY.search(name.lower()) is not None
 
 
 def split_unit(name: str, quantity: Quantity) -> tuple[str, str | None]:

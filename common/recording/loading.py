@@ -9,12 +9,12 @@ import numpy as np
 from forefeel.common.errors import ConfigurationError, RecordingError, UnclearError
 from forefeel.common.recording import array_tables
 from forefeel.common.recording.cleaning import clean
-from forefeel.common.recording.columns import Choice, candidates
+from forefeel.common.recording.columns import Choice, candidates, is_rotary, undecided
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.recording import Array, Recording
 from forefeel.common.recording.ros_table import RosTable
 from forefeel.common.recording.text_table import TextTable
-from forefeel.common.recording.units import QUANTITIES, TO_SI, Mapping, Quantity, unit_of
+from forefeel.common.recording.units import QUANTITIES, TO_SI, Mapping, Quantity
 
 
 class Table(Protocol):
@@ -48,6 +48,11 @@ _LIKELY: dict[Quantity, tuple[tuple[str, ...], tuple[float, float]]] = {
     "force": (("N", "mN"), (1e-3, 1e3)),
 }
 """Interval, travel and force of benches in SI, and the units that are tried in turn."""
+_LIKELY_ROTARY = {
+    **_LIKELY,
+    "position": (("rad", "deg"), (1e-3, 15.0)),
+    "force": (("Nm", "mNm"), (1e-3, 1e3)),
+}
 
 
 def load(
@@ -180,16 +185,17 @@ def _unclear(source: str, table: Table, chosen: Chosen, doubts: dict[Quantity, s
     free = [name for name in table.names if name not in {column for column, _ in chosen.values()}]
     likely: dict[str, str] = {}
     for quantity, doubt in doubts.items():
-        named = candidates(free, table.units, quantity) or [
-            Choice(name, unit_of(quantity, table.units.get(name, ""))) for name in free
-        ]
+        named = candidates(free, table.units, quantity) or undecided(free, table.units, quantity)
         numbers = {each.column: _numbers(table, each.column) for each in named}
         fits = [each for each in named if _fits(quantity, numbers[each.column])]
         if not fits:
             names = ", ".join(map(repr, table.names))
-            raise RecordingError(f"{source}: {doubt}; it has {names}, expected one that changes")
+            raise RecordingError(
+                f"{source}: {doubt}; it has {names}, expected {quantity} = UNIT:COLUMN with one that changes"
+            )
         best = fits[0]
-        likely[quantity] = f"{best.unit or _likely_unit(quantity, numbers[best.column])}:{best.column}"
+        unit = best.unit or _likely_unit(quantity, best.column, numbers[best.column])
+        likely[quantity] = f"{unit}:{best.column}"
         free.remove(best.column)
     return UnclearError(f"{source}: {'; '.join(doubts.values())}", likely)
 
@@ -209,10 +215,10 @@ def _fits(quantity: Quantity, values: Array) -> bool:
     return quantity != "time" or float(np.mean(np.diff(values) >= 0.0)) > 0.99
 
 
-def _likely_unit(quantity: Quantity, values: Array) -> str:
+def _likely_unit(quantity: Quantity, name: str, values: Array) -> str:
     """The first unit with which a bench is as large, as fast and as strong as benches are."""
     values = values[np.isfinite(values)]
     steps = np.diff(values)
     size = float(np.median(steps[steps > 0.0]) if quantity == "time" else np.ptp(values))
-    units, (least, most) = _LIKELY[quantity]
+    units, (least, most) = (_LIKELY_ROTARY if is_rotary(name) else _LIKELY)[quantity]
     return next((unit for unit in units if least <= size * TO_SI[quantity][unit] <= most), units[0])

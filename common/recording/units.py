@@ -16,7 +16,7 @@ TO_SI: dict[Quantity, dict[str, float]] = {
     },
     "force": {
         "N": 1.0, "mN": 1e-3, "uN": 1e-6, "kN": 1e3, "gf": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216152605,
-        "Nm": 1.0, "mNm": 1e-3, "Ncm": 1e-2,
+        "kip": 4448.2216152605, "MN": 1e6, "Nm": 1.0, "mNm": 1e-3, "Ncm": 1e-2,
     },
 }  # fmt: skip
 """Of a rotation rad stand for m, and N m for N."""

@@ -173,7 +173,9 @@ def _above(
 ) -> NoiseFloor | None:
     """From stretches of that length; None where there are too few, or too little of the spectrum."""
     count = int(stretch_s * rate_hz)
-    starts = _one_way(position, step_m, rate_hz, count) if count >= _LEAST_SAMPLES else []
+    if count < _LEAST_SAMPLES:
+        return None
+    starts = _one_way(position, step_m, rate_hz, count)
     starts = [start for start in starts if np.isfinite(force[start : start + count]).all()]
     from_hz = max(motion_hz + _LEAK / stretch_s, _FIRST_BIN / stretch_s)
     frequency = np.asarray(np.fft.rfftfreq(count, 1.0 / rate_hz), dtype=np.float64)

@@ -13,7 +13,7 @@ from forefeel.common.events.text import quantity, shown_unit
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.units import Quantity
 
-_RATES_HZ = (10.0, 150e3)
+_RATES_HZ = (9.9, 150e3)
 """Below, there is no band to diagnose in (20 Hz are asked for); above is no load cell."""
 _TRAVELS_M = (1e-8, 15.0)
 """From the noise of a laboratory's interferometer to two turns of a robot's joint, in rad, with room."""

@@ -38,7 +38,10 @@ def _with_the_model(across: "Across | str | None") -> list[str]:
     if across is None or isinstance(across, str):
         return [simulated, "what the master gains by it: forefeel evaluate FILE --model model.yaml"]
     if not better(across):
-        return [simulated, "leave it out of the master, which predicts this motion no worse without it"]
+        return [
+            simulated,
+            "leave model.yaml out of the master: it predicts this motion no worse alone",
+        ]
     return [
         "use it: prediction: {model: model.yaml} in the settings of forefeel master",
         "try it first: forefeel loopback --master-model model.yaml",
@@ -53,6 +56,8 @@ def better(across: "Across") -> bool:
 def why_no_better(diagnosis: Diagnosis, across: "Across") -> list[str]:
     if better(across):
         return []
+    if across.zoh_n < min(across.before_n, across.after_n):
+        return ["no better: on this motion the newest late force is nearest"]
     names = [cause.name for cause in diagnosis.causes if cause.name not in {*OF_ITS_RUN, *TOLD_ANEW}]
     if not names:
         return ["no better: what was found in one run says nothing of the next, and is learned anew"]

@@ -39,8 +39,8 @@ _SAID = {
     ),
     "not_separable": ("Something is missing, and this motion can not tell which of several causes it is."),
     "unexplained": (
-        "Something is missing that none of the known causes explains. Nothing is named: the nearest name "
-        "would mislead."
+        "Something is missing that none of the known causes explains. None is named, for too "
+        "much would be left."
     ),
 }
 _NEEDED_FOR = {
@@ -99,6 +99,7 @@ def said(
     found = diagnosis.verdict == "cause_found"
     parts = [
         *(("Rivals", [f"{name}: {words(name)}" for name in group]) for group in diagnosis.rivals),
+        ("Nearest", _nearest(diagnosis)),
         ("Look", look_texts(diagnosis.look)),
         ("Simulation", [_simulation(diagnosis, given)]),
         *(("Cause", _cause(cause)) for cause in diagnosis.causes),
@@ -148,6 +149,14 @@ def _simulation(diagnosis: Diagnosis, given: str | None) -> str:
         f"{'' if given is None else f'{given!r} is '}off by {size} rms; noise is {noise_text(diagnosis)}; "
         f"fit {diagnosis.baseline.fit_percent:.0f} %"
     )
+
+
+def _nearest(diagnosis: Diagnosis) -> list[str]:
+    """What comes next to what is missing, where that is not explained."""
+    names = [words(name) for name in diagnosis.suspected if name != "bias"]
+    if diagnosis.verdict != "unexplained" or not names or diagnosis.held_out.gain_low <= 0.0:
+        return []
+    return [f"{' and '.join(names)}: the error is {gain_text(diagnosis.held_out)}, and too much is left"]
 
 
 def _cause(cause: Cause) -> list[str]:

@@ -89,7 +89,17 @@ def test_answer_has_cause_prediction_and_caution(rubbing: Diagnosed) -> None:
 
 def test_model_that_predicts_no_better_is_not_advised(rubbing: Diagnosed) -> None:
     text = "\n".join(answer(rubbing.recording, rubbing.diagnosis, Across(0.3, 0.2, 0.05, 0.06)))
-    assert "no better" in text and "forefeel master" not in text
+    assert "no better: the predictor" in text and "forefeel master" not in text
+    text = "\n".join(answer(rubbing.recording, rubbing.diagnosis, Across(0.3, 0.02, 0.05, 0.06)))
+    assert "no better: on this motion the newest late force is nearest" in text
+
+
+def test_what_is_nearest_is_told_though_too_much_is_left(rubbing: Diagnosed) -> None:
+    unexplained = replace(
+        rubbing.diagnosis, verdict="unexplained", causes=(), suspected=("coulomb_friction",)
+    )
+    (line,) = [each for each in answer(rubbing.recording, unexplained, None) if each.startswith("Nearest")]
+    assert line.startswith("Nearest     dry friction: the error is ") and "% less" in line
 
 
 def test_equation_holds_all_causes(rubbing: Diagnosed) -> None:

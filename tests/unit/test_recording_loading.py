@@ -40,6 +40,17 @@ def test_text_that_says_what_it_holds_is_read(tmp_path: Path, name: str) -> None
     assert recording.notes == ()
 
 
+def of_a_joint() -> str:
+    rows = zip(T_S, np.gradient(X_M, T_S), X_M, F_N, strict=True)
+    return "t,mdq,mq,mtorque\n" + "".join(f"{t:.4f},{v:.7f},{x:.7f},{f:.7f}\n" for t, v, x, f in rows)
+
+
+def test_a_capital_letter_is_mega(tmp_path: Path) -> None:
+    force_n = load_recording(written(tmp_path, text("time_s,position_m,Force (MN)"))).force_n
+    assert force_n is not None
+    np.testing.assert_allclose(force_n, 1e6 * F_N, atol=0.1)
+
+
 @pytest.mark.parametrize("name", people.WRITTEN)
 def test_files_of_other_programs_are_read(tmp_path: Path, name: str) -> None:
     people.WRITTEN[name](tmp_path / name)
@@ -52,6 +63,7 @@ def test_files_of_other_programs_are_read(tmp_path: Path, name: str) -> None:
         (text("Time,Displacement,Load", scale=1e3), ("s:Time", "mm:Displacement", "N:Load")),
         (text("", scale=1e3), ("s:1", "mm:2", "N:3")),
         (text("time_s,motor,a b", scale=1e3), (None, "mm:motor", "N:a b")),
+        (of_a_joint(), ("s:t", "rad:mq", "Nm:mtorque")),
         (text("time_s,position_a_m,force_n\n"), None),
     ],
 )
