@@ -19,6 +19,7 @@ _ROWS_AT_ONCE = 65_536  # of a column that are decoded at once, 512 KiB as float
 _NANOSECONDS = {
     "timestamp": "timestamp[ns]", "duration": "duration[ns]", "time32": "time64[ns]", "time64": "time64[ns]",
 }  # fmt: skip
+_LEAST_ROWS = 20  # of a sheet that is taken for a recording: other sheets hold what was set
 _MOST_ELEMENTS = 64  # of a list in each row that become columns
 
 
@@ -80,33 +81,41 @@ def _plain(arrays: Mapping[str, Any]) -> tuple[dict[str, Callable[[], Array]], d
 
 
 def spreadsheet(path: Path) -> TextTable:
-    """The first sheet of an .xlsx with a table.
+    """The first sheet of an .xlsx with `_LEAST_ROWS` rows of numbers, or the first that is not empty.
 
     Raises:
         RecordingError: not installed, no spreadsheet, or one that unpacks to more than is allowed.
     """
-    text = _as_text(path)
+    text, notes = _as_text(path)
 
     @contextmanager
     def source(_path: Path) -> Iterator[BinaryIO]:
         yield io.BytesIO(text)
 
-    return TextTable(path, source)
+    table = TextTable(path, source)
+    table.notes += notes
+    return table
 
 
-def _as_text(path: Path) -> bytes:
+def _as_text(path: Path) -> tuple[bytes, list[str]]:
     with reading(path, "a spreadsheet", "openpyxl"), opened(path) as file:
         import openpyxl  # noqa: PLC0415 - an extra
 
         _require_room(path, sum(part.file_size for part in zipfile.ZipFile(file).infolist()))
         book = openpyxl.load_workbook(file, read_only=True, data_only=True)
+        first = ""
         for sheet in book.worksheets:
-            written = io.StringIO()
+            written, numbers = io.StringIO(), 0
             rows = csv.writer(written, delimiter="\t")
-            rows.writerows(sheet.iter_rows(values_only=True))
-            if written.tell():
-                return written.getvalue().encode()
-    raise RecordingError(f"{path}: no cells, expected a table of time, position and force")
+            for row in sheet.iter_rows(values_only=True):
+                rows.writerow(row)
+                numbers += sum(isinstance(cell, int | float) for cell in row) > 1
+            if numbers >= _LEAST_ROWS:
+                return written.getvalue().encode(), [f"sheet {sheet.title!r}"] * (len(book.worksheets) > 1)
+            first = first or written.getvalue()
+    if not first:
+        raise RecordingError(f"{path}: no cells, expected a table of time, position and force")
+    return first.encode(), []
 
 
 # --- Parquet ---

@@ -102,6 +102,7 @@ def spreadsheet(path: Path, title: Sequence[str] = ("Rig 7, run 3",)) -> None:
     book.active.append(["Time (s)", "Position (mm)", "Force (N)"])
     for t, x, f in _ROWS:
         book.active.append([t, 1e3 * x, f])
+    book.create_sheet("Setup", 0).append(["Load cell (N)", 50, 2.0])
     book.save(path)
 
 

@@ -45,6 +45,11 @@ def of_a_joint() -> str:
     return "t,mdq,mq,mtorque\n" + "".join(f"{t:.4f},{v:.7f},{x:.7f},{f:.7f}\n" for t, v, x, f in rows)
 
 
+def test_the_sheet_that_was_taken_is_said(tmp_path: Path) -> None:
+    people.spreadsheet(tmp_path / "two.xlsx")
+    assert "sheet 'Sheet'" in load_recording(tmp_path / "two.xlsx").taken
+
+
 def test_a_capital_letter_is_mega(tmp_path: Path) -> None:
     force_n = load_recording(written(tmp_path, text("time_s,position_m,Force (MN)"))).force_n
     assert force_n is not None
