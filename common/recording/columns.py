@@ -7,22 +7,25 @@ from dataclasses import dataclass
 
 from forefeel.common.recording.units import QUANTITIES, Quantity, unit_of
 
+_ANGLE, _TORQUE = "q|angle|theta|winkel", "[a-z]?torque|tau|moment|drehmoment"
 _WORDS: dict[Quantity, str] = {
     "time": "time|t|tout|timestamp|stamp|zeit|zeitstempel|elapsed|temps|tiempo|tempo|seconds|clock",
     "position": "position|pos|displacement|displ?|stroke|travel|extension|elongation|depth|indentation"
-    "|insertion|deflection|compression|dist|distance|crosshead|weg|hub|deplacement|allongement|d|x|q"
-    "|angle|theta|winkel",
-    "force": "force|forc|load|kraft|last|tension|f|fx|fy|fz|loadcell|effort|[a-z]?torque|tau|moment"
-    "|drehmoment|wrench",
+    "|insertion|deflection|compression|dist|distance|crosshead|weg|hub|deplacement|allongement|d|x"
+    f"|{_ANGLE}",
+    "force": f"force|forc|load|kraft|last|tension|f|fx|fy|fz|loadcell|effort|wrench|{_TORQUE}",
 }
-_PATTERNS = {each: re.compile(rf"(?:^|[^a-z])(?:{words})(?:[^a-z]|$)") for each, words in _WORDS.items()}
-_DERIVATIVE = re.compile(
-    r"^[av]$|(?:^|[^a-z])(?:[a-z]?d{1,2}[qx]|vel|velocity|speed|acc|acceleration|dot)(?:[^a-z]|$)"
-)
-"""Speed and acceleration, which are none of the three."""
-_ROTARY = re.compile(
-    r"(?:^|[^a-z])(?:[a-z]?q|angle|theta|winkel|[a-z]?torque|tau|moment|drehmoment)(?:[^a-z]|$)"
-)
+
+
+def _any_of(words: str) -> re.Pattern[str]:
+    """One of them, with no letter beside it."""
+    return re.compile(rf"(?:^|[^a-z])(?:{words})(?:[^a-z]|$)")
+
+
+_PATTERNS = {each: _any_of(words) for each, words in _WORDS.items()}
+_ROTARY = _any_of(f"{_ANGLE}|[a-z]q|{_TORQUE}")
+_DERIVATIVE = _any_of("[a-z]?d{1,2}[qx]|vel|velocity|speed|acc|acceleration|dot")
+"""Speed and acceleration, which are none of the three; `v` and `a` are where they are the whole name."""
 _BRACKETED = re.compile(r"(.*?)[\s_]*[\[(]([^\])]*)[\])]\s*")
 _SUFFIXED = re.compile(r"(.*?)(?:_|\s+in\s+|\s*/\s*|\s*,\s*|\s+)([^\s_/,]+)\s*")
 _CANONICAL: dict[Quantity, str] = {"time": "time_s", "position": "position_m", "force": "force_n"}
@@ -62,7 +65,7 @@ def undecided(names: Sequence[str], units: NamedUnits[str, str], quantity: Quant
 
 
 def is_derivative(name: str) -> bool:
-    return _DERIVATIVE.search(name.lower()) is not None
+    return name.lower() in {"v", "a"} or _DERIVATIVE.search(name.lower()) is not None
 
 
 def is_rotary(name: str) -> bool:

@@ -14,7 +14,7 @@ from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.units import Quantity
 
 _RATES_HZ = (9.9, 150e3)
-"""Below, there is no band to diagnose in (20 Hz are asked for); above is no load cell."""
+"""Below 10 Hz, up to rounding, no band is left to diagnose in; above is no load cell."""
 _TRAVELS_M = (1e-8, 15.0)
 """From the noise of a laboratory's interferometer to two turns of a robot's joint, in rad, with room."""
 _FASTEST_M_S = 200.0  # mean: linear motors reach 5 m/s, a spindle 1,000 rad/s does not reverse

@@ -38,10 +38,7 @@ def _with_the_model(across: "Across | str | None") -> list[str]:
     if across is None or isinstance(across, str):
         return [simulated, "what the master gains by it: forefeel evaluate FILE --model model.yaml"]
     if not better(across):
-        return [
-            simulated,
-            "leave model.yaml out of the master: it predicts this motion no worse alone",
-        ]
+        return [simulated, "leave model.yaml out of the master: it predicts this motion no worse alone"]
     return [
         "use it: prediction: {model: model.yaml} in the settings of forefeel master",
         "try it first: forefeel loopback --master-model model.yaml",

@@ -39,8 +39,8 @@ _SAID = {
     ),
     "not_separable": ("Something is missing, and this motion can not tell which of several causes it is."),
     "unexplained": (
-        "Something is missing that none of the known causes explains. None is named, for too "
-        "much would be left."
+        "Something is missing that none of the known causes explains. None is named, for too much would be "
+        "left."
     ),
 }
 _NEEDED_FOR = {

@@ -11,13 +11,7 @@ from typing import TYPE_CHECKING
 from threadpoolctl import threadpool_limits
 
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.errors import (
-    ConfigurationError,
-    ForefeelError,
-    InputError,
-    RecordingError,
-    RunError,
-)
+from forefeel.common.errors import ConfigurationError, ForefeelError, InputError, RecordingError, RunError
 from forefeel.common.events.text import units_of
 from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Recording
