@@ -18,22 +18,8 @@ from prometheus_client.registry import Collector
 from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.codec import counted, decode
 from forefeel.common.errors import CodecError, EndpointError, RunError
-from forefeel.common.messages import (
-    LoopTiming,
-    MasterState,
-    Message,
-    ModelParameters,
-    SafetyState,
-    SlaveState,
-)
-from forefeel.common.topics import (
-    MASTER_STATE,
-    MASTER_TIMING,
-    PARAMETERS,
-    SLAVE_STATE,
-    SLAVE_TIMING,
-    parse_key,
-)
+from forefeel.common.messages import LoopTiming, MasterState, Message, SafetyState, SlaveState
+from forefeel.common.topics import MASTER_STATE, MASTER_TIMING, SLAVE_STATE, SLAVE_TIMING, parse_key
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.interrupt import heeded
@@ -42,7 +28,7 @@ from forefeel.reachability import cell_watch
 from forefeel.terminal import say
 
 _POLL_S = 0.2
-_READ = {topic.name for topic in (SLAVE_STATE, MASTER_STATE, PARAMETERS, MASTER_TIMING, SLAVE_TIMING)}
+_READ = {topic.name for topic in (SLAVE_STATE, MASTER_STATE, MASTER_TIMING, SLAVE_TIMING)}
 _MOST_AXES = 32  # whose names come from the network
 Kind = type[CounterMetricFamily | GaugeMetricFamily | HistogramMetricFamily]
 
@@ -120,14 +106,6 @@ def _add(found: Families, axis: str, role: str, message: Message) -> None:
         case MasterState():
             found.gauge("indication", "1: what it shows", 1.0, axis=axis, indication=message.indication)
             found.gauge("deadman", "1: pressed", float(message.deadman), axis=axis)
-        case ModelParameters():
-            found.gauge("innovation_rms_newtons", "of the model", message.innovation_rms_n, axis=axis)
-            for family, values, text in (
-                ("parameter", message.values, "identified, in the unit of its name"),
-                ("parameter_standard_deviation", message.standard_deviations, "of the parameter"),
-            ):
-                for name, value in zip(message.names, values, strict=False):
-                    found.gauge(family, text, value, axis=axis, name=name)
         case LoopTiming():
             _add_loop(found, message, axis=axis, role=role, loop=message.loop)
     if isinstance(message, SlaveState | MasterState):

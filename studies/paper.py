@@ -55,8 +55,6 @@ PERIOD_S = 2.0 * pi  # of x = sin t
 BOUNDS_N = {"catheter": ("7, 8", 0.015), "guidewire": ("9, 10", 0.013)}
 """Figures of each instrument, and the bound of the error that the paper states for it."""
 METHODS = "hold", "paper", "newest", "tared", "product"
-STRICT_N, STRICT_SHARE = 0.029, 0.07
-"""Least error that a finger feels: absolute threshold of a force, and just noticeable difference."""
 _SCORED_FROM_S = 3.0  # and the delay: everything starts cold
 
 
@@ -169,7 +167,7 @@ def lead_s(time_s: Array, first: Array, second: Array) -> float:
 class ComparedRun:
     """A recording with what each of METHODS predicts for its n samples, and where these are compared.
 
-    `instrument`, `force_scale` (of the hand): of the simulated bench.
+    `instrument`: of the simulated bench.
     """
 
     name: str
@@ -178,7 +176,6 @@ class ComparedRun:
     predicted_n: dict[str, Array]
     scored: NDArray[np.bool_]
     instrument: str = ""
-    force_scale: float = 1.0
 
     def error_n(self, method: str) -> Array:
         return (self.predicted_n[method] - self.force_n)[self.scored]
@@ -186,12 +183,6 @@ class ComparedRun:
     def of_hold(self, method: str) -> float:
         """rms of the error over that of the hold."""
         return rms(self.error_n(method)) / rms(self.error_n("hold"))
-
-    def unfelt(self, method: str) -> float:
-        """Share of the samples whose error, as the hand is shown it, is below what a finger feels."""
-        shown_n = self.force_scale * np.abs(self.force_n[self.scored])
-        error_n = self.force_scale * np.abs(self.error_n(method))
-        return float(np.mean(error_n < np.maximum(STRICT_N, STRICT_SHARE * shown_n)))
 
 
 def compared(name: str, recording: Recording, product_n: Array) -> ComparedRun:
@@ -253,8 +244,7 @@ def bench_run(instrument: str, duration_s: float, seed: int) -> ComparedRun:
     if not np.isfinite(product_n).any():
         raise RunError(f"simulated bench, {instrument}: nothing was predicted in {duration_s:g} s")
     run = compared(f"{instrument} (simulated bench)", recorded.to_recording(AXIS), product_n)
-    scale = plan.master_settings().axes[0].rendering.force_scale
-    return replace(run, instrument=instrument, force_scale=scale)
+    return replace(run, instrument=instrument)
 
 
 def measured_run(path: Path) -> ComparedRun:
@@ -544,16 +534,6 @@ def baseline(runs: Sequence[ComparedRun]) -> Section:
     )
 
 
-def thresholds(runs: Sequence[ComparedRun]) -> Section:
-    shown = "hold", "paper", "product"
-    rows = [(run.name, *(f"{100 * run.unfelt(name):.0f} %" for name in shown)) for run in runs]
-    return Section(
-        "Share of the time in which the error is not felt, simulated bench",
-        "Below the larger of 29 mN and 7 % of the force, as shown to the hand (guidewire scaled by 10).",
-        [("operator", *shown), *rows],
-    )
-
-
 def named(theta: Array) -> str:
     return ", ".join(f"{name} {value:.3g}" for name, value in zip("mbk", theta.tolist(), strict=True))
 
@@ -576,7 +556,7 @@ def make(out: Path, folders: Sequence[Path], seed: int, duration_s: float) -> No
             except RecordingError as error:
                 skipped.append(f"{path.name} skipped: {error}")
     sections = [simulation(), *map(bench, benches), not_identifiable(), wind_up(), memory(), unmodelled()]
-    for one in (*sections, baseline(runs), thresholds(benches)):
+    for one in (*sections, baseline(runs)):
         if one.figure:
             name = re.sub(r"\W+", "_", one.title.partition(":")[0]).strip("_").lower()
             one.figure.savefig(out / f"{name}.png", dpi=120)

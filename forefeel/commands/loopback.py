@@ -13,7 +13,6 @@ from forefeel.commands.options import (
     Quiet,
     TimeColumn,
     examples,
-    number,
 )
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.recording.units import Mapping
@@ -71,20 +70,6 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     hide_at: Annotated[
         float, typer.Option(metavar="S", help="When they are switched on, by the world's time.")
     ] = 0.0,
-    world_spread: Annotated[
-        float,
-        number(
-            "SHARE",
-            0.0,
-            0.9,
-            "Draw each parameter of the simulated contact within +- SHARE: 0.05 for the same patient on "
-            "another day, 0.4 for another patient. Contact position +- 10 mm * SHARE, at most 3 mm; heart "
-            "and breath rate +- 2 * SHARE, at most 25 %, the range of adults at rest; phases at random.",
-        ),
-    ] = 0.0,
-    world_seed: Annotated[
-        int, typer.Option(min=0, max=2**31 - 1, help="Seed of what --world-spread draws.")
-    ] = 0,
     hardware: Annotated[
         str,
         typer.Option(
@@ -120,8 +105,6 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         patient=patient,
         hide=hide,
         hide_at_s=hide_at,
-        world_spread=world_spread,
-        world_seed=world_seed,
         hardware=hardware,
     )
     with output(as_json, quiet):

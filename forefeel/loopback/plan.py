@@ -17,8 +17,7 @@ from forefeel.dashboard.vessel import RECORDED, VesselSettings
 from forefeel.loopback.viewer import CELL
 from forefeel.master.settings import MasterSettings
 from forefeel.slave.plant.presets import PRESETS as WORLDS
-from forefeel.slave.plant.settings import WorldSettings, world_settings
-from forefeel.slave.plant.variation import varied
+from forefeel.slave.plant.settings import WorldSettings
 from forefeel.slave.settings import SlaveSettings
 
 if TYPE_CHECKING:
@@ -55,8 +54,6 @@ class LoopbackOptions:
     hide_at_s: float = 0.0
     prior_dir: Path | None = None
     patient: str | None = None
-    world_spread: float = 0.0
-    world_seed: int = 0
     hardware: str = "simulated"
 
 
@@ -153,11 +150,6 @@ def make_plan(options: LoopbackOptions) -> Plan:
             instrument=options.preset or _DEFAULT_PRESET,
             patient=options.patient or "simulated",
         )
-    if options.world_spread:
-        metadata["world_spread"] = f"{options.world_spread:g}, world seed {options.world_seed}"
-        simulation = slave_axis["simulation"]
-        contact = varied(world_settings(simulation).contact, options.world_spread, options.world_seed)
-        slave_axis["simulation"] = {**simulation, "model": None, "contact": contact.to_mapping()}
     link = {"inbound": options.impairment, "seed": options.seed}
     return Plan(
         slave={"cell": CELL, "impairment": link, "axes": [slave_axis]},
@@ -176,8 +168,6 @@ def _check(options: LoopbackOptions) -> None:
         raise ConfigurationError(f"--preset {options.preset!r}: expected one of {', '.join(WORLDS)}")
     if options.duration_s is not None and not 0.5 <= options.duration_s <= 86_400:
         raise ConfigurationError(f"--duration {options.duration_s:g}: expected 0.5 to 86400 s")
-    if options.world_seed and not options.world_spread:
-        raise ConfigurationError(f"--world-seed {options.world_seed}: expected only with --world-spread")
     if options.prior_dir is not None and options.prior_dir.exists() and not options.prior_dir.is_dir():
         raise ConfigurationError(f"--prior-dir {options.prior_dir}: is a file; expected a folder")
     if options.patient is not None and options.prior_dir is None:
@@ -252,7 +242,6 @@ def _refuse_world_options(options: LoopbackOptions) -> None:
         ("--preset", options.preset),
         ("--slave-model", options.slave_model),
         ("--hide", options.hide),
-        ("--world-spread", options.world_spread or None),
         ("--prior-dir", options.prior_dir),
     ):
         if value is not None:

@@ -9,15 +9,8 @@ pytest.importorskip("prometheus_client")
 from forefeel.common.clock import VirtualClock
 from forefeel.common.codec import encode, encode_batch
 from forefeel.common.errors import EndpointError
-from forefeel.common.messages import (
-    LoopTiming,
-    MasterState,
-    Message,
-    ModelParameters,
-    SafetyState,
-    SlaveState,
-)
-from forefeel.common.topics import FORCE, MASTER_STATE, PARAMETERS, SLAVE_STATE, SLAVE_TIMING, Topic
+from forefeel.common.messages import LoopTiming, MasterState, Message, SafetyState, SlaveState
+from forefeel.common.topics import FORCE, MASTER_STATE, SLAVE_STATE, SLAVE_TIMING, Topic
 from forefeel.metrics import CellMetrics, serve
 
 HEAD = {"session_id": 1, "sequence": 1, "stamp_ns": 0}
@@ -96,18 +89,6 @@ def test_a_loop_is_a_histogram_in_seconds() -> None:
     assert at(found, "forefeel_loop_lateness_seconds_bucket", le="+Inf", **labels) == 10
     assert at(found, "forefeel_loop_lateness_seconds_count", **labels) == 10
     assert at(found, "forefeel_loop_missed_total", **labels) == 1
-
-
-def test_the_model_is_told_with_its_uncertainty() -> None:
-    cell = CellMetrics(VirtualClock(6 * S))
-    heard(cell, PARAMETERS, ModelParameters.model_validate(HEAD | {
-        "names": ("stiffness_n_m",), "values": (40.0,), "standard_deviations": (0.5,), "identifiable": (),
-        "valid": True, "samples": 1, "updates": 1, "resets": 0, "innovation_rms_n": 0.01,
-    }))  # fmt: skip
-    found = values(cell)
-    assert at(found, "forefeel_parameter", name="stiffness_n_m") == 40.0
-    assert at(found, "forefeel_parameter_standard_deviation", name="stiffness_n_m") == 0.5
-    assert at(found, "forefeel_innovation_rms_newtons") == 0.01
 
 
 def test_what_a_stranger_says_stays_bounded() -> None:

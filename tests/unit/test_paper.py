@@ -108,11 +108,3 @@ def test_no_prediction_knows_the_future() -> None:
     for name in ("hold", "paper", "newest", "tared"):
         np.testing.assert_array_equal(before.predicted_n[name][:301], altered.predicted_n[name][:301])
         assert np.isfinite(before.predicted_n[name][300])
-
-
-def test_error_is_unfelt_below_the_larger_threshold() -> None:
-    force_n = np.array([0.0, 0.1, -1.0, 0.5, 1.0])
-    error_n = np.array([0.028, 0.030, -0.060, 0.060, 0.080])
-    recording = Recording("r", np.arange(5.0), np.arange(5.0), force_n, "made up")
-    run = paper.ComparedRun("r", recording, force_n, {"paper": force_n + error_n}, np.ones(5, dtype=bool))
-    assert run.unfelt("paper") == pytest.approx(2 / 5)  # the first and the third
