@@ -97,9 +97,11 @@ class Laboratory:
     def running(self) -> Iterator[None]:
         """The router, then every slave, then every master; until all have a session."""
         with ExitStack() as started:
-            words = [word for cell in self.cells for word in ("--cell", cell)]
-            pki = ["--pki", str(self.folder / "pki")] if self.secured else []
-            self._start(started, "router", ["router", "--listen", self.endpoint, *words, *pki], "listening")
+            pki = str(self.folder / "pki") if self.secured else None
+            transport = {"listen": [self.endpoint], "pki": pki}
+            path = self.folder / "router.yaml"
+            path.write_text(yaml.safe_dump({"cells": list(self.cells), "transport": transport}))
+            self._start(started, "router", ["router", "--config", str(path)], "listening")
             for role, ready in (("slave", "waiting for a master"), ("master", "session open")):
                 logs = [self._daemon(started, role, cell) for cell in self.cells]
                 for log in logs:

@@ -1,4 +1,4 @@
-"""The YAML files of those who move nothing: recorder, viewer and router; or the options in their place."""
+"""The YAML files of those who move nothing: recorder, viewer and router."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -68,20 +68,3 @@ def observer(
     mode: Literal["client", "peer"] = "client" if through_router else "peer"
     transport = {"mode": mode, "connect": list(connect), "pki": pki}
     return checked(ObserverSettings, {"cell": name, "transport": transport}, "options")
-
-
-def router_settings(
-    config: Path | None, cells: Sequence[str], listen: Sequence[str], pki: Path | None
-) -> RouterSettings:
-    """The settings of a file, or of the options in its place.
-
-    Raises:
-        ConfigurationError: both, neither, or a value that can not be used.
-    """
-    if config is not None:
-        check_config_alone(cells, listen, pki)
-        return load_settings(RouterSettings, config)
-    if not cells:
-        raise ConfigurationError("--cell: missing, expected the name of each cell, or --config FILE")
-    transport = {"listen": list(listen), "pki": None if pki is None else str(pki)}
-    return checked(RouterSettings, {"cells": list(cells), "transport": transport}, "router")

@@ -249,12 +249,6 @@ def test_command_makes_shows_and_extends_a_laboratory(
             for host in ("", "10.0.0.1,", "10.0.0.256", "tls/10.0.0.1:7447", "*.lab")
         ),
         ("pki show @/none", "no certificates"),
-        ("router --cell a", "transport.listen: expected at least one endpoint"),
-        ("router --listen tls/127.0.0.1:7447", "--cell: missing"),
-        ("router --listen tcp/0.0.0.0:7447 --cell a", "without certificates"),
-        ("router --listen tls/0.0.0.0:7447 --pki @/none --cell a", "no such folder"),
-        ("router --listen tcp/0.0.0.0:7447 --pki @/full --cell cell", "a plain listener beside certificates"),
-        ("router --config @/router.yaml --cell a", "expected it alone"),
         ("record --out @/run.mcap", "--connect: missing"),
         ("record --out @/run.mcap --config @/r.yaml --cell a", "expected it alone"),
     ],
@@ -269,3 +263,24 @@ def test_wrong_input_is_one_line_and_writes_nothing(
     assert words in complaint
     assert complaint.count("\n") == 1
     assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("transport", "words"),
+    [
+        ("", "transport.listen: expected at least one endpoint"),
+        ("listen: [tcp/0.0.0.0:7447]", "without certificates"),
+        ("listen: [tls/0.0.0.0:7447], pki: @/none", "no such folder"),
+        ("listen: [tcp/0.0.0.0:7447], pki: @/full", "a plain listener beside certificates"),
+    ],
+)
+def test_router_that_can_not_listen_says_why_in_one_line(
+    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path, transport: str, words: str
+) -> None:
+    make_pki(tmp_path / "full")
+    path = tmp_path / "router.yaml"
+    path.write_text(f"cells: [cell]\ntransport: {{{transport.replace('@', str(tmp_path))}}}\n")
+    assert run(["router", "--config", str(path)]) == 2
+    complaint = capsys.readouterr().err
+    assert words in complaint
+    assert complaint.count("\n") == 1

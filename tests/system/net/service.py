@@ -133,8 +133,12 @@ class Service:
         self.hosts.wait_until(lambda: self.hosts.says("master.log", "session open"), 60, "a session")
 
     def start_router(self) -> None:
-        words = ("forefeel", "router", "--listen", ROUTER_AT, "--pki", PKI, "--cell", CELL)
-        self.processes["router"] = self.hosts.run(0, "router.log", *words)
+        settings = {"cells": [CELL], "transport": {"listen": [ROUTER_AT], "pki": PKI}}
+        path = self.folder / "router.yaml"
+        path.write_text(yaml.safe_dump(settings))
+        self.processes["router"] = self.hosts.run(
+            0, "router.log", "forefeel", "router", "--config", str(path)
+        )
         self.hosts.wait_until(lambda: self.hosts.says("router.log", "listening"), 20, "the router")
 
     def start_devices(self) -> None:
