@@ -120,10 +120,10 @@ def diagnosed_hold(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
     if hold is None:
         return None
     spring, one, two = hold.fitted()
-    found = two if np.sum(two.left**2) < _SECOND * np.sum(one.left**2) else one
     sense = float(np.sign(spring.theta[0])) or 1.0
-    known = sense * found.theta[2:] > found.doubts()[len(found.log_shape) + 2 :]
-    relaxes = bool(known.all()) and hold.relaxes()
+    better = np.sum(two.left**2) < _SECOND * np.sum(one.left**2)
+    found = two if better and _known(two, sense) else one  # a ramp that bends makes a second one of any sign
+    relaxes = _known(found, sense) and hold.relaxes()
     found = found if relaxes else spring
     before, after = (hold.held_out(each.log_shape) for each in (spring, found))
     held_out = gain_over(hold.bins, before, after)
@@ -133,6 +133,11 @@ def diagnosed_hold(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
     verdict: VerdictName = "cause_found" if relaxes else "nothing_found"
     motion, flags = None if relaxes else GENERAL_MOTION, (*analysis.flags(), FLAG)
     return Diagnosis(verdict, causes, (), motion, flags, None, *models, held_out), analysis
+
+
+def _known(found: Separable, sense: float) -> bool:
+    """Whether each branch is stiffer than its doubt."""
+    return bool(np.all(sense * found.theta[2:] > found.doubts()[len(found.log_shape) + 2 :]))
 
 
 def _coefficients(found: Separable) -> tuple[Model, list[float]]:

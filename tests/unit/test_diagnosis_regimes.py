@@ -27,15 +27,18 @@ def stepped(way: float, rubbing_n: float = 0.0) -> Recording:
     return Recording("step", t, np.asarray(1e-6 * np.round(1e6 * way * x)), np.asarray(f), "step.csv")
 
 
-def ramped(fading: bool, drift_n_s: float = 0.0, way: float = 1.0) -> Recording:
-    """5 mm in 1 s and held for 116 s; Maxwell branches of .7, 8 and 60 s, or none."""
+def ramped(fading: bool, drift_n_s: float = 0.0, way: float = 1.0, power: float = 1.0) -> Recording:
+    """5 mm in 4 s and held for 113 s; a spring and Maxwell branches of .7, 8 and 60 s, or none, that are
+    stretched by a power of the stage's way.
+    """
     t = np.arange(2400) / 20.0
-    x = 5e-3 * np.clip(t - 2.0, 0.0, 1.0)
+    stage = np.clip((t - 2.0) / 4.0, 0.0, 1.0)
+    x = 5e-3 * stage**power
     f = 200.0 * x + drift_n_s * t + 3e-3 * np.random.default_rng(2).standard_normal(len(t))
     for tau_s, stiffness in ((0.7, 80.0), (8.0, 60.0), (60.0, 60.0)) if fading else ():
         decay = np.exp(-0.05 / tau_s)
         f += stiffness * lfilter([decay], [1.0, -decay], np.diff(x, prepend=0.0))
-    return Recording("hold", t, way * x, f, "hold.csv")
+    return Recording("hold", t, way * 5e-3 * stage, f, "hold.csv")
 
 
 def diagnosed(recording: Recording) -> Diagnosis:
@@ -69,6 +72,13 @@ def test_a_hold_in_which_the_force_fades_is_relaxation(way: float) -> None:
     assert cause.parameters["time_constant_s"].low < 8.0 < cause.parameters["second_time_constant_s"].high
     assert found.extended.parameters["stiffness_n_m"] == pytest.approx(200.0, rel=0.05)
     assert found.held_out.gain_low > 0.8
+
+
+def test_hold_after_a_ramp_that_stiffens_is_relaxation() -> None:
+    """One branch is told; a second one, of the other sign, would only bend the ramp."""
+    (cause,) = diagnosed(ramped(fading=True, power=3.0)).causes
+    assert cause.name == "stress_relaxation"
+    assert cause.parameters["stiffness_n_m"].low > 0.0
 
 
 @pytest.mark.parametrize("drift_n_s", [0.0, -3e-3])
