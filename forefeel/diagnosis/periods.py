@@ -92,20 +92,16 @@ class Periods:
         return period_s is None or 2.0 * shape[0] * shape[1] * period_s > _LEAST_LINES
 
     @cached_property
-    def _recorded_position(self) -> tuple[Floats, float]:
-        """Of the longest piece without padding, less its mean, and its rate."""
+    def _motion_period_s(self) -> float | None:
+        """With which the motion repeats, in the speed: a stand before it and a middle that creeps are not in
+        that. None when it does not.
+        """
         signals = self.regression.signals
         piece = max(signals.piecewise(), key=lambda p: p.stop - p.start)
-        x = signals.fine_x[piece][signals.recorded[piece]]
+        v = signals.fine_v[piece][signals.recorded[piece]]
         rate = 1.0 / float(signals.fine_t[piece][1] - signals.fine_t[piece][0])
-        return x - np.mean(x), rate
-
-    @cached_property
-    def _motion_period_s(self) -> float | None:
-        """With which the motion repeats; None when it does not."""
-        x, rate = self._recorded_position
-        power = np.abs(np.fft.rfft(x, 2 * len(x))) ** 2
-        likeness = np.fft.irfft(power)[: len(x) // 2] / (1.0 - np.arange(len(x) // 2) / len(x))
+        power = np.abs(np.fft.rfft(v - np.mean(v), 2 * len(v))) ** 2
+        likeness = np.fft.irfft(power)[: len(v) // 2] / (1.0 - np.arange(len(v) // 2) / len(v))
         falling = np.flatnonzero(likeness < 0.5 * likeness[0])
         if not len(falling):
             return None
