@@ -76,8 +76,9 @@ class Analysis:
     def without(self, name: str) -> "Analysis":
         """The same searched on without one cause, in none of its forms; of two elements first with one.
 
-        A cause that comes in its place has to explain the recording as well as it did. One that does not is
-        the next best description of something that has no name here, and is left out, too.
+        A cause that comes in its place has to explain the recording as well as it did, with as many
+        parameters as it needs. One that does not is the next best description of something that has no name
+        here, and is left out, too.
         """
         rest: Model = {other: shape for other, shape in self.fit.model.items() if other != name}
         refused = {name} if name.endswith(":two") else {base_name(name)}
@@ -93,7 +94,7 @@ class Analysis:
             search = Search(self.regression, kept, self.search.noise_n)
             fit = search.run(rest)
             new = {base_name(other) for other in fit.model} - known
-            if not new or fit.score < self.fit.score + ADD:
+            if not new or fit.score - fit.penalty < self.fit.score - self.fit.penalty + ADD:
                 break
             refused |= new
         return replace(self, search=search, fit=fit)

@@ -9,11 +9,12 @@ from forefeel.common.causes.catalogue import LINEAR_BENDS
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.signals import Signals
 
-MotionKind = Literal["rich", "single_frequency", "constant_speed"]
+MotionKind = Literal["rich", "one_speed", "single_frequency", "constant_speed"]
 
 _LINE_SHARE = 0.985
 _ALIKE = 1.2  # ratio of frequencies and of sizes within which two lines are one
 _STEADY = 0.06
+_RINGING = 0.2  # of the speed: 0.09 of a jump (Gibbs), which is twice the speed where a stroke turns
 
 _SEPARATING: tuple[tuple[set[str], str], ...] = (
     ({"coulomb_friction", "stribeck_friction"},
@@ -29,6 +30,8 @@ _SEPARATING: tuple[tuple[set[str], str], ...] = (
     ({"pulsation", "stiffening", "stiffness_change"}, "a hold of 20 s at one position"),
     ({"stiffness_change", "stiffening", "contact_loss"}, "the same positions again, later"),
 )  # fmt: skip
+RIVALS_AT_ONE_SPEED = "presliding_hysteresis", "stress_relaxation", "sensor_lag"
+"""Of strokes of one speed: the time since a reversal and the way since then are one column there."""
 RIVALS_AT_CONSTANT_SPEED = "coulomb_friction", "sensor_drift", "stress_relaxation"
 GENERAL_MOTION = (
     "strokes of several amplitudes and speeds in both directions, with holds; or a multi-sine of 0.2 to 15 Hz"
@@ -49,17 +52,23 @@ def separating_motion(names: set[str]) -> str:
 
 
 def motion_kind(signals: Signals) -> MotionKind:
-    """Whether the speed is one line of the spectrum, or does not change at all."""
+    """Whether the speed is one line of the spectrum, or does not change at all, or but for its direction."""
     inside = [
         signals.fine_v[fine][_core(signals.fine_v[fine], signals, i)]
         for i, fine in enumerate(signals.piecewise())
     ]
     v = np.concatenate(inside)
-    usual = abs(float(np.median(v)))
-    if float(np.mean(np.abs(v - np.median(v)) < _STEADY * usual)) > 0.9 or _straight(signals):
+    if _steady(v, _STEADY) or _straight(signals):
         return "constant_speed"
+    if _steady(np.abs(v), _RINGING):
+        return "one_speed"
     longest = max(map(len, inside))
     return "single_frequency" if _one_line([v for v in inside if 2 * len(v) > longest]) else "rich"
+
+
+def _steady(v: Floats, within: float) -> bool:
+    usual = float(np.median(v))
+    return float(np.mean(np.abs(v - usual) < within * abs(usual))) > 0.9
 
 
 def _straight(signals: Signals) -> bool:

@@ -15,13 +15,14 @@ from forefeel.diagnosis.identifiability import (
     GENERAL_MOTION,
     NOISE_TELLING_MOTION,
     RIVALS_AT_CONSTANT_SPEED,
+    RIVALS_AT_ONE_SPEED,
     MotionKind,
     motion_kind,
     separating_motion,
     turns,
 )
 from forefeel.diagnosis.parameters import intervals, told
-from forefeel.diagnosis.regression import ModelFit
+from forefeel.diagnosis.regression import BASE, ModelFit
 from forefeel.diagnosis.residual import (
     excess_share,
     flexible_gain,
@@ -38,6 +39,7 @@ _MOST_RIVALS = 3
 # share of the strokes' force that mass, damper and spring explain, and by how much more than of all of it
 _STROKES_EXPLAINED, _MORE_THAN_WHOLE = 0.8, 0.04
 _LATE_DAMPERS = frozenset({"stress_relaxation", "sensor_lag"})
+_SLOWEST_CELL_S = 0.1  # a quarter of the time in which an HX711 settles at 10 samples a second (data sheet)
 SLOW = "slow_force"
 _FORETOLD = 0.3
 _STRUCTURE = 0.135
@@ -137,7 +139,12 @@ class Judge:
 
     @cached_property
     def _groups(self) -> tuple[tuple[str, ...], ...]:
-        return self._rivals_of_a_line() if self._kind == "single_frequency" else self._rival_groups()
+        if self._kind == "single_frequency":
+            return self._rivals_of_a_line()
+        named = {base_name(name) for name in self.fit.model}
+        if self._kind == "one_speed" and named & set(RIVALS_AT_ONE_SPEED):
+            return (RIVALS_AT_ONE_SPEED,)
+        return self._rival_groups()
 
     def _is_most_of_little(self) -> bool:
         """Whether one model tells most of what mass, damper and spring leave, and that is little, as where a
@@ -281,11 +288,20 @@ class Judge:
 
     def _can_not_be(self, name: str) -> bool:
         """Whether a parameter is beyond what the cause can have, or no spring is beside what relaxes or lags:
-        both are then a damper that comes late, as dry friction is where the motion turns.
+        both are then a damper that comes late, as dry friction is where the motion turns. Nor is it a long
+        lag where a contact that relaxes gives the same force along every motion.
         """
-        if base_name(name) in _LATE_DAMPERS and self.parameters[""]["stiffness_n_m"].low <= 0.0:
+        mass, damping, stiffness = (self.parameters[""][size] for size in BASE)
+        if base_name(name) in _LATE_DAMPERS and stiffness.low <= 0.0:
             return True
         values = self.parameters[base_name(name)]
+        if name == "sensor_lag":
+            # (m s^2 + b s + k) / (1 + tau s) is the spring k, a damper m / tau, and a Maxwell branch of
+            # (b - m / tau) / tau - k: where that is positive, it is no proof of a slow cell
+            tau_s = values["time_constant_s"].value
+            relaxing_n_m = (damping.value - mass.value / tau_s) / tau_s - stiffness.value
+            if tau_s > _SLOWEST_CELL_S and relaxing_n_m > 0.0:
+                return True
         own = [each for each in effect_class(base_name(name)).parameters if each.name in values]
         return any(not each.lower <= values[each.name].value <= each.upper for each in own)
 

@@ -13,7 +13,6 @@ from forefeel.diagnosis.held_out import block_numbers, gain
 from forefeel.diagnosis.identifiability import turns
 from forefeel.diagnosis.noise import autoregression
 from forefeel.diagnosis.regression import RecordingRegression, solve, solve_passive
-from forefeel.diagnosis.search import Search
 from forefeel.diagnosis.sensor_faults import clean, comb_step
 from forefeel.diagnosis.signals import Signals
 
@@ -92,22 +91,6 @@ def test_dependent_columns_do_not_break_the_fit() -> None:
     assert (theta[0] + 3.0 * theta[2], theta[1]) == pytest.approx((1.0, 2.0))
 
 
-@pytest.mark.parametrize(("name", "truth"), [("stress_relaxation", 0.437), ("time_delay", 0.0371)])
-def test_variable_projection_finds_shapes_off_its_grid(name: str, truth: float) -> None:
-    t, x, v, a = motion(5)
-    f = linear(x, v, a)
-    if name == "stress_relaxation":
-        f = f + 20.0 * lfilter([1.0 / RATE], [1.0, -np.exp(-1.0 / RATE / truth)], v)
-    else:
-        late = np.interp(t - truth, t, np.arange(len(t)))
-        f = np.interp(late, np.arange(len(t)), f)
-    regression = RecordingRegression(signals(t, x, f + noise(6, len(t))), 1e-5)
-    search = Search(regression)
-    found = search.best_with(search.fit({}), name)
-    assert found is not None
-    assert found.model[name][0] == pytest.approx(truth, rel=0.05)
-
-
 @pytest.mark.parametrize("sense", [1.0, -1.0])
 def test_passive_least_squares_of_columns_that_are_nearly_one(sense: float) -> None:
     """As Lawson and Hanson's, where two of the columns differ by a thousandth."""
@@ -141,21 +124,6 @@ def test_a_comb_is_found_and_decimals_are_none() -> None:
     assert comb_step(f) is None
     fine = [fault.name for fault in diagnose(recording(t, x, np.round(f, 4))).diagnosis.causes]
     assert fine == []
-
-
-def test_spikes_are_counted_and_taken_out() -> None:
-    t, x, v, a = motion(10)
-    f = linear(x, v, a) + noise(10, len(t))
-    rng = np.random.default_rng(10)
-    at = rng.choice(len(t) - 20, 40, replace=False) + 10
-    spiky = f.copy()
-    spiky[at] += rng.choice([-1.0, 1.0], 40) * 0.6
-    cleaned = clean(recording(t, x, spiky))
-    (fault,) = cleaned.faults
-    assert fault.name == "sensor_spikes"
-    assert fault.parameters["rate_hz"].value == pytest.approx(40 / 24.0, rel=0.1)
-    assert fault.parameters["amplitude_n"].value == pytest.approx(0.6, rel=0.05)
-    assert np.std(cleaned.force_n - f) < 0.01
 
 
 def test_hum_is_found_off_its_nominal_frequency_and_a_tremor_is_not() -> None:
