@@ -206,7 +206,7 @@ def _doubt(recording: Recording, asked: Question) -> RecordingError:
     other = rescaled(asked.quantity, unit, asked.factor) if text else None
     doubt = f"{recording.source}: {column} {asked.text} (--as-is if that is true)"
     if other is None:
-        return RecordingError(f"{doubt}; expected s, m and N")
+        return RecordingError(f"{doubt}; expected s, {shown_unit('m')} and {shown_unit('N')}")
     return UnclearError(f"{doubt}, in {other} it would be usual", {asked.quantity: f"{other}:{column}"})
 
 
