@@ -89,7 +89,7 @@ class Signals:
             x_spec, f_spec = rfft(_padded(x, grid.padded)), rfft(_padded(f, grid.padded))
             if len(x) > len(self.even_m):
                 self.even_m, self.even_hz = x, 1.0 / grid.period_s
-            gain = _above_noise(x, grid, len(x_spec))
+            gain = _above_noise(x, _step_m(recording.position_m[piece]), grid, len(x_spec))
             x_spec *= gain
             self.motion_reach_hz = max(self.motion_reach_hz, float(np.sum(gain)) / grid.span_s)
             self.pieces.append(grid)
@@ -253,12 +253,20 @@ def _padded(values: Floats, length: int) -> Floats:
     return np.concatenate([values, fade * after + (1.0 - fade) * before])
 
 
-def _above_noise(x: Floats, grid: SignalPiece, bins: int) -> Floats:
+def _step_m(x: Floats) -> float:
+    """Of the encoder; of a position without steps next to nothing."""
+    gaps = np.diff(np.unique(x))
+    gaps = gaps[gaps > 1e-9 * np.ptp(x)]
+    return float(np.quantile(gaps, 0.05)) if len(gaps) else 0.0
+
+
+def _above_noise(x: Floats, step_m: float, grid: SignalPiece, bins: int) -> Floats:
     """One up to where the position's spectrum sinks into the encoder's noise, zero beyond: no noise is
     derived.
 
     The noise is the level at the end of the spectrum when it is flat there; one everywhere when it still
-    falls. A gradual (Wiener's) gain would shrink the motion, and with it bias the mass; it falls beyond the
+    falls. At a constant speed the encoder's steps are lines in it, which hold no more than step^2 / 12 in
+    all. A gradual (Wiener's) gain would shrink the motion, and with it bias the mass; it falls beyond the
     motion, within 0.3 of its reach, for a steeper one would ring.
     """
     frequency, power = _spectrum(x, 1.0 / grid.period_s)
@@ -268,10 +276,14 @@ def _above_noise(x: Floats, grid: SignalPiece, bins: int) -> Floats:
             break
     else:
         return np.ones(bins)
-    level = median_filter(power, 7, mode="nearest")
-    gain = np.clip((level / max(top, 1e-300) - 2.0) / 2.0, 0.0, 1.0)
-    last = int(np.flatnonzero(gain > 0.5)[-1]) if (gain > 0.5).any() else len(gain)
-    reach_hz = float(frequency[max(min(last, len(frequency) - 1), 2)])
+    above = median_filter(power, 7, mode="nearest") > 3.0 * max(top, 1e-300)
+    if not above.any():
+        return np.ones(bins)
+    edges = np.flatnonzero(np.diff(above, prepend=False, append=False))
+    first, behind = edges[::2], edges[1::2]
+    held_m2 = np.cumsum((power * above)[::-1])[::-1][first] * frequency[1]  # from there on
+    motion = (held_m2 > step_m**2 / 12.0) | (first == first[0])
+    reach_hz = float(frequency[max(int(behind[motion][-1]) - 1, 2)])
     depth = np.clip((np.arange(bins) / grid.span_s / reach_hz - 1.0) / _FALL, 0.0, 1.0)
     return np.asarray(0.5 * (1.0 + np.cos(np.pi * depth)))
 
