@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import nnls
 from scipy.signal import lfilter
 
@@ -67,6 +68,16 @@ def test_uneven_stamps_and_gaps_are_taken_as_they_are() -> None:
     columns = np.column_stack([s.column(s.linear_spectrum(d)) for d in (2, 1, 0)])[s.rows]
     theta, _ = solve(columns, s.force[s.rows])
     assert theta == pytest.approx([MASS, DAMPING, STIFFNESS], rel=0.03)
+
+
+def test_lines_of_an_encoder_at_constant_speed_are_no_motion() -> None:
+    """Ramps of 1.7 mm/s make 170 steps of 10 um a second; a tremor of .1 mm at 9 Hz is motion."""
+    t = np.arange(10_000) / RATE
+    ramps = 3e-3 * np.abs(np.mod(t / 3.5, 2.0) - 1.0)
+    x = gaussian_filter1d(ramps, 0.05 * RATE, mode="nearest")
+    still, shaken = (1e-5 * np.round(1e5 * each) for each in (x, x + 1e-4 * np.sin(2.0 * np.pi * 9.0 * t)))
+    assert signals(t, still, x).motion_reach_hz < 9.0
+    assert 9.0 < signals(t, shaken, x).motion_reach_hz < 20.0
 
 
 def test_whitened_noise_is_white_and_its_size_is_known() -> None:
