@@ -29,7 +29,7 @@ from forefeel.diagnosis.residual import (
     modulation_gain,
     predictable_share,
 )
-from forefeel.diagnosis.verdict import Cause, Diagnosis, HeldOut, Interval, ModelError, VerdictName
+from forefeel.diagnosis.verdict import Cause, Diagnosis, HeldOut, ModelError, VerdictName
 
 _WIDEST = 20.0  # of a size, width of an interval beyond which the recording does not tell it
 _RIVAL = 6.0
@@ -314,10 +314,15 @@ class Judge:
         if seldom and own.gain_low < _NEARLY_ALL:
             return True
         own_parameters = self.parameters[base_name(name)]
+        ratio = own_parameters.get("ratio")  # of two stiffnesses
+        if ratio is not None and ratio.low <= 1.0 <= ratio.high:
+            return True
         if any(not np.isfinite(each.high - each.low) for each in own_parameters.values()):
             return True
         sizes = [own_parameters[size] for size in CANDIDATES[name].needed]
-        return bool(sizes) and all(size.low <= 0.0 <= size.high or _unbounded(size) for size in sizes)
+        return bool(sizes) and all(
+            size.low <= 0.0 <= size.high or size.high - size.low > _WIDEST * abs(size.value) for size in sizes
+        )
 
     def _moved_around(self, instant_s: float) -> bool:
         """Whether there are strokes enough before and after an instant: of a few, two stiffnesses and two
@@ -388,7 +393,3 @@ def _group(name: str, rivals: Iterable[tuple[float, str]]) -> list[tuple[str, ..
     """A cause and the best of its rivals, which are (how bad, name); nothing without any."""
     names = dict.fromkeys(rival for _, rival in sorted(rivals))
     return [(base_name(name), *list(names)[: _MOST_RIVALS - 1])] if names else []
-
-
-def _unbounded(size: Interval) -> bool:
-    return not np.isfinite(size.high - size.low) or size.high - size.low > _WIDEST * abs(size.value)
