@@ -60,7 +60,7 @@ def _run(row: Row, keep: Path | None) -> Result:
     with TemporaryDirectory(prefix="ff-") as made:
         folder = Path(made)
         if keep is not None:
-            folder = keep / re.sub(r"\W+", "-", row.name)
+            folder = keep / re.sub(r"[^\w+-]+", "-", row.name)
             folder.mkdir(parents=True)
         try:
             return row.run(folder)
