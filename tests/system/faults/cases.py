@@ -187,7 +187,7 @@ def _router_killed(scene: Scene) -> Incident:
 
 def _clock_set(role: str, scene: Scene) -> Incident:
     """A daemon whose clock goes back ends; it is started again, as a service manager does. The slave then
-    finds its fault latched.
+    finds its fault latched. What the load cell measured until then is attached to wrong ticks.
     """
     speed_m_s = scene.service.wait_moving()
     at_s = scene.strike(role, signal.SIGUSR1)
@@ -201,7 +201,7 @@ def _clock_set(role: str, scene: Scene) -> Incident:
         over_s, recovery = time.monotonic(), "ended by the fault; started again"
         if role == "slave":
             found = _found_latched(scene, at_s, speed_m_s)
-            return replace(found, over_s=over_s, recovery=f"{recovery}, forefeel clear")
+            return replace(found, over_s=over_s, stood=True, recovery=f"{recovery}, forefeel clear")
         _start(role, scene)
     elif scene.service.state() == "fault":
         over_s, recovery = scene.cleared(), "forefeel clear"
@@ -454,9 +454,7 @@ def _clock_step(role: str, step_s: float, route: Route) -> Fault:
         route,
         rest_s=route.by_watchdog_s,
         faded_s=route.told_s,
-        # what an emulated cell measured is attached to the wrong tick for some ms after a clock went back
-        service=EMULATED if role == "slave" and not back else {},
-        ends=role == "slave" and back,
+        service=EMULATED if role == "slave" else {},
         steered=(role, Steering(step_s)),
         events=events,
         flights=(role if back else "slave",),

@@ -63,8 +63,6 @@ STALE_S = _GATE.max_age_s + 0.005
 """max_age_s above the usual age; a force tells the tick in which its command began to within some ms."""
 STILL_M = 20e-6
 """Noise of a stage at rest."""
-ENDS_AFTER_S = 0.030
-"""A slave that ends by itself waits for 50 ms once the stage is at rest; some readings may be missing."""
 
 DISK_FULL_S = 2.0
 """What a recorder loses whose disk becomes full: the second that was being written, and the one after it."""

@@ -16,7 +16,7 @@ from tests.system.faults import required
 from tests.system.faults.logged import Expected, logged
 from tests.system.net.cable import TunCable
 from tests.system.net.disk import SmallDisk
-from tests.system.net.evidence import STILL_FOR_S, Evidence
+from tests.system.net.evidence import Evidence
 from tests.system.net.hosts import Hosts, joined_by_tun
 from tests.system.net.service import AXIS, Service
 from tests.system.net.steered import Steering
@@ -66,7 +66,6 @@ class Fault:
         recovery: in words.
         service: keyword arguments of `Service`.
         steered: the daemon whose clock is made wrong, and how.
-        ends: the slave ends by itself once it is at rest, and its simulated stage with it.
         noticed: the event by which the slave notices it, to be measured from there where it goes on until
             then, which `rest_s` and `faded_s` have in them.
         on_disk: the slave's state folder is on the small disk.
@@ -86,7 +85,6 @@ class Fault:
     faded_s: float | None = None
     service: dict[str, Any] = field(default_factory=dict)
     steered: tuple[str, Steering] | None = None
-    ends: bool = False
     noticed: str | None = None
     on_disk: bool = False
     lost_s: float | None = None
@@ -257,11 +255,9 @@ def _judge_motion(row: Row, fault: Fault, incident: Incident, found: Evidence) -
 def _judge_rest(row: Row, fault: Fault, incident: Incident, found: Evidence) -> None:
     """The slowest of the stops, where there were several."""
     assert fault.rest_s is not None
-    if fault.ends:
-        found.end_motion(incident.over_s)
     for at_s in (incident.injected_s, *filter(found.following, incident.again_s)):
         start_s = _noticed_s(fault, at_s, found)
-        rest = found.rest(start_s, required.ENDS_AFTER_S if fault.ends else STILL_FOR_S)
+        rest = found.rest(start_s)
         rest_s = None if rest.after_s is None else rest.after_s + start_s - at_s
         row.moved_again_m = max(row.moved_again_m or 0.0, rest.moved_again_m)
         if rest_s is None or rest_s > fault.rest_s:

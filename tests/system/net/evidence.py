@@ -137,16 +137,11 @@ class Evidence:
         before = [event for time_s, event in self.events if time_s < at_s]
         return bool(before) and before[-1].after in FOLLOWING
 
-    def end_motion(self, at_s: float) -> None:
-        """What a simulated stage did from then on is not its motion: it ended with the slave's process."""
-        known = self.motion.time_s < at_s
-        self.motion = Motion(self.motion.time_s[known], self.motion.position_m[known], self.motion.certain)
-
-    def rest(self, after_s: float, still_for_s: float = STILL_FOR_S) -> Rest:
+    def rest(self, after_s: float) -> Rest:
         """Of the first stop after that instant, up to the next engagement."""
         until_s = self.next_event_s("engage", after_s) or np.inf
         span = (self.motion.time_s >= after_s) & (self.motion.time_s < until_s)
-        return rest(self.motion.time_s[span], self.motion.position_m[span], after_s, still_for_s)
+        return rest(self.motion.time_s[span], self.motion.position_m[span], after_s)
 
     def moved_while_stopped_m(self, grace_s: float, after_s: float = 0.0) -> float:
         """The most that the stage moved between any stop, `grace_s` later, and the next engagement."""
