@@ -41,7 +41,7 @@ from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Prepared, prepare
 from forefeel.diagnosis.evaluation.methods import METHODS, Method, replay
-from forefeel.diagnosis.evaluation.score import largest_seen, score
+from forefeel.diagnosis.evaluation.score import score
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.summary import summarise
@@ -168,13 +168,12 @@ class Row:
 def scored(kind: str, name: str, prepared: Prepared, delay_s: float, methods: Sequence[str]) -> list[Row]:
     """A row for each method, each from a cold start."""
     recording, rows, zoh = prepared.recording, list[Row](), prepared.zoh
-    seen_n = largest_seen(prepared.force_n, prepared.arrivals)
-    zoh_n = score(recording.time_s, prepared.force_n, zoh, zoh, prepared.rows, seen_n).size.rms_n
+    zoh_n = score(recording.time_s, prepared.force_n, zoh, zoh, prepared.rows).size.rms_n
     for method in methods:
         start_s = time.process_time()
         trace = replay(recording, prepared.arrivals, made(method))
         us = 1e6 * (time.process_time() - start_s) / len(recording)
-        found = score(recording.time_s, prepared.force_n, trace, zoh, prepared.rows, seen_n)
+        found = score(recording.time_s, prepared.force_n, trace, zoh, prepared.rows)
         rms_n = found.size.rms_n
         relative = rms_n / zoh_n if rms_n is not None and zoh_n else None
         rows.append(

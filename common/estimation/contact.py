@@ -84,6 +84,9 @@ class ContactFit:
             return
         if self._n == 0:
             self._due_s = t_s + _EVERY_S
+        elif self._searched_range_m == 0.0 and t_s - self._samples[0, 0] > _EVERY_S:
+            # A long rest before the first motion would make its noise that of the motion.
+            self._n, self._due_s = 0, -inf
         if dt > GAP_S:
             v_m_s = 0.0  # the states keep what they were: how it moved in a gap is not known
         if self._n == self._samples.shape[1]:
@@ -97,6 +100,8 @@ class ContactFit:
         self._low_m, self._high_m = min(self._low_m, x_m), max(self._high_m, x_m)
         if self._high_m - self._low_m > max(_GROWN * self._searched_range_m, _LEAST_RANGE_M):
             self._searched_range_m = self._high_m - self._low_m
+            if self._due_s == -inf:
+                self._due_s = t_s + _EVERY_S
             self._new_until_s = t_s + _NEW_S
 
     def due(self) -> Fitting | None:

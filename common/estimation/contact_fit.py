@@ -59,6 +59,7 @@ _STEPS = 2  # Gauss-Newton steps a fit
 _HALVINGS = 3  # of a step that does not lower J
 _WORTH = 0.1  # part of J that occasional causes must save,
 _LEAST_WORTH = 20.0  # and -2 log likelihood: of 3 parameters and of a shape of their own, by BIC
+_LEAST_INDEPENDENT = 1.0  # values that a term without a prior rests on; the first moved row is one of 179
 _COLD_NOISE = 0.05  # sigma over the spread of the force where nothing is known,
 _COLD_COUNT = 1.0  # which counts as so many independent values
 _NOISIER = 2.0  # times the sigma^2 that was expected
@@ -328,11 +329,11 @@ class _Solver:
         gram = z.T @ z
         rms = self._rms(z)
         known = np.isfinite(belief.theta_sd)
-        cold = self._causes.cold * np.sqrt(self._spread2) / rms
+        cold = self._causes.cold * np.sqrt(self._spread2) / np.maximum(rms, self._causes.least)
         p0 = np.where(known, belief.theta_sd, cold) ** -2.0
         information = (gram / noise2 + np.diag(p0)) / np.outer(rms, rms)
         moments = (z.T @ self._y / noise2 + p0 * belief.theta) / rms
-        acts = np.ones(len(rms), dtype=bool)
+        acts = known | (self._independent(z, rms) >= _LEAST_INDEPENDENT)
         if not occasional:
             acts[list(self._causes.occasional)] = False
         scaled = np.zeros(len(rms))
@@ -347,6 +348,11 @@ class _Solver:
         off = (shape - self._mean) / self._sd
         cost = self._y @ self._y / noise2 + p0 @ belief.theta**2 - scaled @ moments + off @ off
         return _Point(shape, z, scaled / rms, float(cost), acts, p0)
+
+    def _independent(self, columns: Array, rms: Array) -> Array:
+        """Independent values that each column of phi rests on: (sum z^2)^2 / sum z^4 of its rows."""
+        fourth = np.einsum("ij,ij->j", (columns / rms) ** 2, (columns / rms) ** 2)
+        return np.asarray(self._count**3 / len(self._y) / np.maximum(fourth, 1e-12))
 
     def _rms(self, columns: Array) -> Array:
         """Of each column of phi, 1 where it is 0."""

@@ -9,6 +9,7 @@ is what it is not linear in: x0, log L, log tau and the frequencies of heart and
 diagnosis adds its other causes, whose shapes stay as they are.
 """
 
+import re
 from dataclasses import dataclass
 from math import nan, pi, remainder
 from typing import NamedTuple
@@ -16,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.causes.base import Effect, ForceEffect
+from forefeel.common.causes.base import Effect, ForceEffect, Parameter
 from forefeel.common.causes.model import ContactModel, EffectEntry
 from forefeel.common.causes.periodic import PeriodicForce
 from forefeel.common.causes.registry import effect_class
@@ -46,7 +47,9 @@ _TYPICAL_S = 0.6  # s of relaxation
 _TYPICAL_HZ = (1.2, 0.25)  # of heart and breath
 _TYPICAL_BAND = 0.02
 _TYPICAL_SD = (1.5, 1.0, 0.15, 0.05, 1.0)  # of log L, log tau, the two frequencies and log band
-_LEAST_RANGE_M, _LEAST_SPEED_M_S = 1e-4, 1e-3  # below, the motion says nothing of a length or a speed
+# Below, the motion says nothing of a length, a speed or an acceleration: 0.1 mm at 10 rad/s.
+_LEAST_RANGE_M, _LEAST_RATE_S = 1e-4, 10.0
+_LEAST_SPEED_M_S = _LEAST_RANGE_M * _LEAST_RATE_S
 
 # Standard deviations before anything is known, over the spread of the force that a term explains. The spring
 # may explain all of it, and a bias has nothing to do with it. Others less: of the first stroke a breath or a
@@ -109,6 +112,7 @@ class Causes:
         positive: of theta: what a passive contact has with one sign only.
         occasional: of theta: see `OCCASIONAL`.
         cold: standard deviation of each term before anything is known, over the spread of the force.
+        least: rms of each regressor below which it says nothing of its term.
     """
 
     def __init__(self, loaded: ContactModel | None = None) -> None:
@@ -132,8 +136,9 @@ class Causes:
         self._waves = np.array(waves).reshape(len(WAVES), 2)
         self.forces = [i for i in range(len(self.linear)) if i not in waves]
         self.names = (*(self.linear[i] for i in self.forces), *WAVES, *SHAPE, NOISE)
-        self.positive = tuple(i for i in self.forces if _lowest(self.linear[i]) >= 0.0)
+        self.positive = tuple(i for i in self.forces if _parameter(self.linear[i]).lower >= 0.0)
         self.cold = np.array([_part(name) for name in self.linear])
+        self.least = np.array([_least_rms(_parameter(name).unit) for name in self.linear])
         if loaded is not None:
             self.cold[[i for i, name in enumerate(self.linear) if self._unnamed(name)]] *= _UNNAMED
         self.occasional = tuple(i for i, name in enumerate(self.linear) if name.startswith(OCCASIONAL))
@@ -254,10 +259,19 @@ def _part(name: str) -> float:
     }.get(name, _TERM)
 
 
-def _lowest(name: str) -> float:
-    """The lower bound of a linear parameter."""
-    parameter = name.partition(".")[2]
-    return next(p.lower for p in _kind(name).parameters if p.name == parameter)
+def _least_rms(unit: str) -> float:
+    """Regressor of the least motion, for a term in `unit`: (0.1 mm)^p (10 / s)^q of N s^q / m^p."""
+    over, _, under = unit.replace("kg", "N s^2/m").partition("/")
+    lengths, times = (
+        sum(int(power or 1) for power in re.findall(*each))
+        for each in ((r"m\^?(\d?)", under), (r"s\^?(\d?)", over))
+    )
+    return _LEAST_RANGE_M**lengths * _LEAST_RATE_S**times
+
+
+def _parameter(name: str) -> Parameter:
+    """The linear parameter of that name."""
+    return next(p for p in _kind(name).parameters if p.name == name.partition(".")[2])
 
 
 def _kind(name: str) -> type[Effect]:

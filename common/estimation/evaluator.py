@@ -25,6 +25,9 @@ from forefeel.common.estimation.state_filter import GAP_S, StateFilter
 from forefeel.common.jit import Array, kernel, record, zeros
 
 _BEYOND, _EARLY_BEYOND = 0.1, 1.0  # how far a prediction may be beyond that range, as a part of it
+# Times the larger of what was felt and what the contact as taught foretells: right predictions reach 9 times
+# the first alone, for a first push is many times the noise, and 1.2 times the larger.
+_MOST = 2.0
 # Hz, cutoff of the contact's velocity: a lag of 8 ms, below the 15 ms at which a delayed damper is felt. The
 # velocity is led by it, for a friction that turns 8 ms late at every reversal loses a third of its worth.
 _CUTOFF_HZ = 40.0
@@ -73,12 +76,14 @@ class Snapshot:
     """All that the learner has learned, as it gives it to the evaluator; nobody changes it.
 
     `learned`: one record of `Learned`, in an array. `contact`: None before any is known. `band_known`:
-    whether any prediction has been compared with the force that came.
+    whether any prediction has been compared with the force that came. `taught`: the contact as a prior or a
+    model.yaml gave it, None without.
     """
 
     learned: NDArray[np.void]
     contact: Contact | None
     band_known: bool = False
+    taught: Contact | None = None
 
 
 def nothing_learned() -> NDArray[np.void]:
@@ -94,9 +99,9 @@ class Evaluation(Protocol):
 
     newest: the sample of the newest force, -1 where its motion is not known; newest_s, held_n: its stamp
     and value. heard: how many forces stand in heard_s and heard_n. stage: expected position, velocity and
-    acceleration. contact_n: what the contact gave; steadily_n: the same without the steps where another fit
-    took over. rows: u of `experts`; said_n: by member; force_n, half_n, scale_n: the prediction,
-    NaN where there was none, and its band.
+    acceleration. taught_n: the largest force that the contact as taught gave so far. contact_n: what the
+    contact gave; steadily_n: the same without the steps where another fit took over. rows: u of `experts`;
+    said_n: by member; force_n, half_n, scale_n: the prediction, NaN where there was none, and its band.
     """
 
     newest: float
@@ -104,6 +109,7 @@ class Evaluation(Protocol):
     held_n: float
     heard: float
     renewals: float
+    taught_n: float
     bank: Bank
     forces: Forces
     heard_s: Annotated[Array, RING]
@@ -139,6 +145,8 @@ class Evaluator:
         self.snapshot = Snapshot(nothing_learned(), None)
         self._expert = ContactExpert()
         self._used: Contact | None = None
+        self._taught_expert = ContactExpert()
+        self._taught: Contact | None = None
         self._velocity = StateFilter(_CUTOFF_HZ)
         self._moved_s = -math.inf
         self._contact_n = math.nan
@@ -158,16 +166,24 @@ class Evaluator:
         if contact is not None and contact is not self._used:
             self._used, renewed = contact, True
             self._expert.use(contact)
+        taught = self.snapshot.taught
+        if taught is not None and taught is not self._taught:
+            self._taught = taught
+            self._taught_expert.use(taught)
         if dt_s > GAP_S:
             self._velocity.reset()
             self._expert.reset()
+            self._taught_expert.reset()
         v, a, _ = self._velocity.step(velocity_m_s, dt_s)
         stage = (stage_m, v + _LEAD_S * a, a)
-        contact_n = self._expert.move(t_s, *stage, dt_s) if dt_s <= GAP_S else math.nan
+        contact_n = taught_n = math.nan
+        if dt_s <= GAP_S:
+            contact_n = self._expert.move(t_s, *stage, dt_s)
+            taught_n = self._taught_expert.move(t_s, *stage, dt_s)
         if renewed and math.isfinite(self._contact_n - contact_n):
             self._steps_n += self._contact_n - contact_n
         self._contact_n = contact_n
-        _move(self.record, t_s, position_m, stage, contact_n, contact_n + self._steps_n)
+        _move(self.record, t_s, position_m, stage, (contact_n, contact_n + self._steps_n, taught_n))
 
     def hear(self, stamp_s: float, force_n: float) -> None:
         """A force that was measured at `stamp_s`, the stamp of a `move`; an older one than the newest
@@ -194,8 +210,7 @@ def _move(
     t: float,
     x: float,
     stage: tuple[float, float, float],
-    contact_n: float,
-    steadily_n: float,
+    contact_n: tuple[float, float, float],
 ) -> None:
     evaluation = records[0]
     bank = evaluation.bank
@@ -206,7 +221,9 @@ def _move(
     i = n % RING
     evaluation.force_n[i] = math.nan
     evaluation.stage[i, 0], evaluation.stage[i, 1], evaluation.stage[i, 2] = stage
-    evaluation.contact_n[i], evaluation.steadily_n[i] = contact_n, steadily_n
+    evaluation.contact_n[i], evaluation.steadily_n[i], taught_n = contact_n
+    if not math.isnan(taught_n):
+        evaluation.taught_n = max(evaluation.taught_n, abs(taught_n))
     if evaluation.newest >= 0.0 and n - evaluation.newest >= RING:
         evaluation.newest = -1.0
     for j in range(banks.STOPS):
@@ -250,19 +267,25 @@ def _predict(records: Evaluations, learneds: NDArray[np.void]) -> tuple[float, f
         return math.nan, math.nan, ZOH
     if learned.renewals != evaluation.renewals:
         forces.low_n, forces.high_n, evaluation.renewals = learned.low_n, learned.high_n, learned.renewals
+        evaluation.steadily_n[:] = math.nan  # of a contact that was given up
     held_n, range_n = evaluation.held_n, forces.high_n - forces.low_n
-    force_n, variance_n2, leading = held_n, 0.0, ZOH
+    force_n, variance_n2, leading, cut_n = held_n, 0.0, ZOH, 0.0
     if evaluation.newest >= 0.0:
         said_n = evaluation.said_n[n % RING]
         _ask(evaluation, learned, n, said_n)
         force_n, variance_n2, leading = blends.mean(learned.weights, said_n)
-        force_n = _limited(learned, forces, force_n, held_n)
+        asked_n = _limited(learned, forces, force_n, held_n)
+        first_n = forces.first_n
+        most_n = _MOST * max(forces.high_n - first_n, first_n - forces.low_n, evaluation.taught_n)
+        force_n = min(first_n + most_n, max(first_n - most_n, asked_n))
+        cut_n = min(abs(asked_n - force_n), most_n)
     scale_n = bands.scale_n(learned.recent_n, variance_n2, force_n - held_n, range_n)
     half_n = scale_n * learned.factor
     if learned.largest_n > 0.0:
-        half_n = min(half_n, learned.largest_n)
+        half_n = min(half_n, max(learned.largest_n, abs(force_n - held_n)))
     elif not math.isfinite(half_n):
         half_n = range_n
+    half_n = max(half_n, cut_n)
     if evaluation.newest >= 0.0:
         i = n % RING
         evaluation.force_n[i], evaluation.half_n[i], evaluation.scale_n[i] = force_n, half_n, scale_n

@@ -95,6 +95,7 @@ class Learner:
         self._early: list[tuple[float, float]] = []
         self.fits, self.renewals = 0, -1
         self._begin_anew()
+        self._taught = self._fit.contact
 
     def _begin_anew(self) -> None:
         self._knowledge = zeros(_DTYPE)
@@ -152,7 +153,8 @@ class Learner:
         learned = nothing_learned()
         _publish(self._knowledge, learned)
         learned["renewals"] = self.renewals
-        return Snapshot(learned, self._fit.contact, math.isfinite(float(learned["factor"][0])))
+        band_known = math.isfinite(float(learned["factor"][0]))
+        return Snapshot(learned, self._fit.contact, band_known, self._taught)
 
     @property
     def contact_s(self) -> float:

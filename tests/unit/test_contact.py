@@ -59,7 +59,7 @@ def test_fit_of_passive_contact_has_no_negative_parameter() -> None:
     pulled = contact_of(replace(FIRST, force_n=-FIRST.force_n))
 
     found = dict(zip(pulled.names, pulled.values, strict=True))
-    signed = {"bias.force_n", "stiffening.quadratic_n_m2", "stiffening.cubic_n_m3"}
+    signed = {"bias.force_n", "stiffening.quadratic_n_m2", "stiffening.cubic_n_m3", CONTACT}
     assert all(value >= 0.0 for name, value in found.items() if name not in signed)
 
 

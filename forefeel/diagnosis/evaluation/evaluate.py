@@ -21,7 +21,6 @@ from forefeel.diagnosis.evaluation.score import (
     SETTLING_S,
     Score,
     completed,
-    largest_seen,
     score,
     scored_stamps,
 )
@@ -89,14 +88,12 @@ def evaluate(
         progress: is told the name of each method before it starts.
     """
     recording, force_n, zoh = prepared.recording, prepared.force_n, prepared.zoh
-    seen_n = largest_seen(force_n, prepared.arrivals)
     traces: dict[str, MethodTrace] = {}
     for name, make in METHODS.items():
         progress(name)
         traces[name] = zoh if name == "zoh" else replay(recording, prepared.arrivals, make(model))
     scores = {
-        name: score(recording.time_s, force_n, trace, zoh, prepared.rows, seen_n)
-        for name, trace in traces.items()
+        name: score(recording.time_s, force_n, trace, zoh, prepared.rows) for name, trace in traces.items()
     }
     said_n = {name: completed(trace, zoh) for name, trace in traces.items()}
     forefeel_n = said_n["forefeel"] if scores["forefeel"].diverged_at_s is None else None
@@ -128,7 +125,7 @@ def rules(link: DelayedLink, model: ContactModel | None) -> tuple[str, ...]:
         "told the delay.",
         f"Derivatives and filters are causal; a gap over {GAP_S:g} s is never interpolated across.",
         "Where a method has no prediction yet the zero-order hold counts. One that is not finite, or beyond "
-        f"{RUNAWAY:g} times the largest force seen, has diverged: no rms.",
+        f"{RUNAWAY:g} times the largest force of the recording, has diverged: no rms.",
         RULE,
         "paper: lambda 0.96 per sample, P symmetrised, each force paired with the motion of its own stamp. "
         f"forefeel: {'its own model' if model is None else f'model {model.name!r}'}.",

@@ -6,13 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from forefeel.common.error_size import ErrorSize, Floats, error_size
-from forefeel.diagnosis.evaluation.arrivals import Arrivals
 from forefeel.diagnosis.evaluation.methods import Mask, MethodTrace
 
 # s after the first stamp, and the delay, before scoring begins
 SETTLING_S = 3.0
-# times the largest force seen, beyond which a method has diverged
-RUNAWAY = 1e6
+# times the largest force of the recording, beyond which a method has diverged
+RUNAWAY = 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,28 +42,20 @@ def scored_stamps(time_s: Floats, delay_s: float, zoh: MethodTrace) -> Mask:
     return np.asarray((time_s - time_s[0] >= SETTLING_S + delay_s) & zoh.answered)
 
 
-def largest_seen(force_n: Floats, arrivals: Arrivals) -> Floats:
-    """At each stamp the largest |force| that has arrived, 0 before the first."""
-    largest = np.maximum.accumulate(np.concatenate(([0.0], np.abs(force_n[arrivals.order]))))
-    return np.asarray(largest[arrivals.edges[1:]], dtype=np.float64)
-
-
 def completed(trace: MethodTrace, zoh: MethodTrace) -> Floats:
     """What counts as the method's prediction: zoh's where it said nothing."""
     return np.where(trace.answered, trace.force_n, zoh.force_n)
 
 
-def score(
-    time_s: Floats, force_n: Floats, trace: MethodTrace, zoh: MethodTrace, rows: Mask, seen_n: Floats
-) -> Score:
+def score(time_s: Floats, force_n: Floats, trace: MethodTrace, zoh: MethodTrace, rows: Mask) -> Score:
     """The score of one method over the scored stamps `rows`; all arrays have shape (n,).
 
-    It diverged when it said, at one of them, something that is not finite or beyond 1e6 times the largest
-    force seen.
+    It diverged when it said, at one of them, something that is not finite or beyond 100 times the largest
+    force of the recording.
     """
     said_n = completed(trace, zoh)
-    with np.errstate(over="ignore"):
-        beyond = (seen_n > 0.0) & (np.abs(said_n) > RUNAWAY * seen_n)
+    largest_n = float(np.abs(force_n).max())
+    beyond = (largest_n > 0.0) & (np.abs(said_n) > RUNAWAY * largest_n)
     runaway = zoh.answered & (beyond | ~np.isfinite(said_n))
     if np.any(runaway & rows):
         first = int(np.flatnonzero(runaway)[0])
