@@ -107,6 +107,8 @@ class _Span(NamedTuple):
 class ClockOffset:
     """Compares the clocks of one session. The offset is that of the exchange with the smallest bound of the
     last `window_ns`; the bound of an exchange grows with its age (RFC 5905, section 10).
+
+    Each way counts the slower transit of two exchanges in a row, so that a lone one that lies moves nothing.
     """
 
     def __init__(self, window_ns: int = 10_000_000_000) -> None:
@@ -115,31 +117,36 @@ class ClockOffset:
         self._spans: deque[_Span] = deque(maxlen=_LOOKED_AT[-1])
         self._rate_ppm = 0.0
         self._least_round_trip_ns: int | None = None
+        self._before: tuple[int, int, int] | None = None
         self.best: OffsetEstimate | None = None
 
     def update(self, t1: int, t2: int, t3: int, t4: int) -> None:
         """One exchange, see the module; all in ns.
 
         Exchanges that can not be (a negative round trip, an answer before its question: a clock that was set,
-        a forged stamp) are ignored.
+        a forged stamp) are ignored. Nothing is known before the second.
         """
-        round_trip_ns = (t4 - t1) - (t3 - t2)
-        offset_ns = ((t2 - t1) + (t3 - t4)) // 2
-        if round_trip_ns < 0 or t3 < t2 or abs(offset_ns) > _LARGEST_NS:
+        outward_ns, inward_ns = t2 - t1, t4 - t3
+        if outward_ns + inward_ns < 0 or t3 < t2 or abs(outward_ns - inward_ns) > 2 * _LARGEST_NS:
             return
-        self._follow_rate(_Span(t4 // _SPAN_NS, t2 - t1, t4 - t3))
+        self._follow_rate(_Span(t4 // _SPAN_NS, outward_ns, inward_ns))
+        before, self._before = self._before, (outward_ns, inward_ns, t4)
+        if before is None:
+            return
+        outward_ns, inward_ns = max(outward_ns, before[0]), max(inward_ns, before[1])
+        round_trip_ns, offset_ns = outward_ns + inward_ns, (outward_ns - inward_ns) // 2
         least_ns = self._least_round_trip_ns
         least_ns = round_trip_ns if least_ns is None else min(least_ns, round_trip_ns)
         self._least_round_trip_ns = least_ns
-        # every bound grows alike: that of t4 is (grown + t4) // DRIFT_DIVISOR
-        grown = DRIFT_DIVISOR * ((round_trip_ns + 1) // 2) - t4
+        # every bound grows alike, from the older one on: that of t4 is (grown + t4) // DRIFT_DIVISOR
+        grown = DRIFT_DIVISOR * ((round_trip_ns + 1) // 2) - before[2]
         grown, offset_ns = self._bounds.with_newest(t4, (grown, offset_ns))
         self.best = OffsetEstimate(
             offset_ns,
             (grown + t4) // DRIFT_DIVISOR,
             self._round_trips.with_newest(t4, round_trip_ns),
             least_ns,
-            self._outwards.with_newest(t4, t2 - t1),
+            self._outwards.with_newest(t4, outward_ns),
             self._rate_ppm,
         )
 

@@ -3,6 +3,7 @@
 from forefeel.common.bus import Publisher
 from forefeel.common.clock_offset import ClockOffset, OffsetEstimate
 from forefeel.common.messages import Heartbeat
+from forefeel.common.stamp_order import Order, StampOrder
 
 _REMEMBERED = 256  # beats: 13 s of them, more than any round trip that a session outlives
 
@@ -18,7 +19,7 @@ class Heartbeats:
         """A new session: nothing is known of the peer. A new estimator, for the old one may be in use."""
         self._clock = ClockOffset()
         self._newest: tuple[int, int] | None = None
-        self._sequence = 0
+        self._order = StampOrder()
         self._answered = False
         self._sent_ns: tuple[int, ...] = ()
 
@@ -29,13 +30,16 @@ class Heartbeats:
     def heard(self, heartbeat: Heartbeat, receive_ns: int) -> bool:
         """A heartbeat of the peer, received at `receive_ns` of our clock; whether it is of this session.
 
-        One that was heard before, or that echoes what was never sent, is a replay or a forgery and says
-        nothing: neither that the peer lives nor what its clock shows.
+        One that was heard before, is stamped ahead of the others, or echoes what was never sent, is a replay
+        or a forgery and says nothing: neither that the peer lives nor what its clock shows. So a peer whose
+        clock is set back loses its session.
         """
         echo_ns, echo_receive_ns = heartbeat.echo_stamp_ns, heartbeat.echo_receive_ns
-        if heartbeat.sequence <= self._sequence or not self._may_echo(echo_ns):
+        if (
+            not self._may_echo(echo_ns)
+            or self._order.judge(heartbeat.stamp_ns, receive_ns) is not Order.NEWER
+        ):
             return False
-        self._sequence = heartbeat.sequence
         self._newest = heartbeat.stamp_ns, receive_ns
         if echo_ns is not None and echo_receive_ns is not None:
             self._answered = True

@@ -19,12 +19,15 @@ from forefeel.common.messages import (
     Handshake,
     Heartbeat,
     MasterState,
+    Message,
     MotionCommand,
     SafetyState,
     SlaveState,
     within,
 )
 from forefeel.common.settings import differences, settings_hash, shared_text
+from forefeel.common.stamp_order import Order, StampOrder
+from forefeel.common.topics import Topic
 from forefeel.master.events import MasterEvents, Standing
 from forefeel.master.handle import Handle, HandleWatch, Indication
 from forefeel.master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
@@ -68,7 +71,6 @@ class MasterAxis:
         self._bus = bus
         self._heartbeats = Heartbeats(bus.publisher(topics.MASTER_HEARTBEAT))
         self._force: NewestForce | None = None
-        self._force_stamp_ns: int | None = None
         self._full_scale_n = 0.0
         self._stage_position_m: float | None = None
         self._slave_state: SlaveState | None = None
@@ -83,6 +85,7 @@ class MasterAxis:
         self._prior, self._suspicion, self._judged_fits = printable(prior), "", 0
         if prior:
             self.events.notices.add(f"prior: {prior}")
+        self._begin_orders()
         self._connect(bus)
 
     def _connect(self, bus: Bus) -> None:
@@ -106,23 +109,43 @@ class MasterAxis:
         if not abs(sample.force_n) <= self._full_scale_n:
             self.counters["forces_out_of_range"] += 1
             return
+        answered_ns = sample.answers_stamp_ns  # on the master's clock: it can not have stepped
+        ahead = answered_ns is not None and (
+            answered_ns > receive_ns or self._answers.judge(answered_ns, receive_ns) is Order.AHEAD
+        )
+        order = Order.AHEAD if ahead else self._judge(self._forces, topics.FORCE, sample, receive_ns)
+        if order is Order.AHEAD:
+            self.counters["forces_ahead"] += 1
+            return
         self.identification.queue.put(sample)
-        if self._force_stamp_ns is not None and sample.stamp_ns <= self._force_stamp_ns:
+        if order is Order.OLDER:
             self.counters["forces_reordered"] += 1
             return
-        self._force_stamp_ns = sample.stamp_ns
         self._stage_position_m = sample.position_m
         if sample.valid:
-            clock = self._heartbeats.offset
-            late_ns = None if clock is None else max(0, clock.excess_ns(receive_ns - sample.stamp_ns))
+            clock, transit_ns = self._heartbeats.offset, receive_ns - sample.stamp_ns
+            known = clock is not None and clock.ahead_ns(transit_ns) == 0
+            late_ns = max(0, clock.excess_ns(transit_ns)) if clock and known else None
             self._force = NewestForce(sample, receive_ns, late_ns)
 
     def _on_state(self, state: SlaveState, receive_ns: int) -> None:
+        order = self._judge(self._states, topics.SLAVE_STATE, state, receive_ns)
+        if order is not Order.NEWER:
+            self.counters[f"states_{order.value}"] += 1
+            return
         self.session.heard_state(state.session_id, receive_ns)
-        if self._slave_state is None or state.stamp_ns > self._slave_state.stamp_ns or state.sequence == 1:
-            self._slave_state, self._state_heard_ns = state, receive_ns
-            if state.state in HALTED:
-                self.faulted = True
+        self._slave_state, self._state_heard_ns = state, receive_ns
+        if state.state in HALTED:
+            self.faulted = True
+
+    def _begin_orders(self) -> None:
+        self._forces, self._answers, self._states = StampOrder(backwards=True), StampOrder(), StampOrder()
+
+    def _judge(self, order: StampOrder, topic: Topic[Message], message: Message, receive_ns: int) -> Order:
+        place = order.judge(message.stamp_ns, receive_ns)
+        if order.step_ns:
+            self.events.clock_step(topic.name, order.step_ns * 1e-9, receive_ns)
+        return place
 
     def _on_handshake(self, handshake: Handshake, receive_ns: int) -> None:
         before, accepted, reason = self.session.state, handshake.accepted, printable(handshake.reason)
@@ -133,7 +156,8 @@ class MasterAxis:
         self.events.session_answered(handshake, opened, None if accepted else reason, receive_ns)
         if opened:
             self._heartbeats.restart()
-            self._force = self._force_stamp_ns = self._slave_state = None
+            self._force = self._slave_state = None
+            self._begin_orders()
             self._full_scale_n = handshake.full_scale_n
 
     def _on_heartbeat(self, heartbeat: Heartbeat, receive_ns: int) -> None:

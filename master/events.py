@@ -65,6 +65,14 @@ class MasterEvents(AxisEvents):
         self._note("emergency_stop", now_ns, by=by, reason=reason)
         self.notices.add(emergency_stop(by, reason))
 
+    def clock_step(self, topic: str, step_s: float, now_ns: int) -> None:
+        self._counters["clock_steps"] += 1
+        self._repeat("clock_step", topic, step_s=step_s)
+        self.notices.repeat(
+            f"{topic}: stamps stepped by {step_s:+.3g} s: the slave's clock was set, or the way is faster",
+            now_ns,
+        )
+
     def stands(self, standing: Standing, reason: str, session_id: int, now_ns: int) -> None:
         """How the master stands now, and why; a change is published."""
         before, self._standing = self._standing, standing

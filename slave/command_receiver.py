@@ -89,7 +89,11 @@ class CommandReceiver:
         return _SILENT if at_rest and now_ns - self._heard_ns > _SILENT_FOR_NS else None
 
     def on_command(self, command: MotionCommand, receive_ns: int) -> None:
-        refusal = self._gate.admit(command, receive_ns, self._session.offset)
+        clock = self._session.offset
+        if clock is None and command.session_id == self._session.holder:
+            self._heard_ns = receive_ns  # nothing is executed yet, and a number of the future may not count
+            return
+        refusal = self._gate.admit(command, receive_ns, clock)
         if refusal is None or refusal.rule not in _NOBODYS:
             self._heard_ns = receive_ns
         if refusal is None:

@@ -100,7 +100,10 @@ class AxisView:
         newest.heard_ns[topic.name] = receive_ns
 
     def _felt(self, sample: HapticSample, receive_ns: int) -> None:
-        if self.timeline.heard(sample.stamp_ns, receive_ns):
+        anew = self.timeline.heard(sample.stamp_ns, receive_ns)
+        if anew is None:
+            return
+        if anew:
             self.traces, self.watch, self.comparison = new_traces(), ModelWatch(), Comparison()
         self.newest.haptics, t_s, traces = sample, self.timeline.stamp_s(sample.stamp_ns), self.traces
         traces["felt"].add(t_s, sample.rendered_n)

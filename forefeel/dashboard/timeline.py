@@ -1,6 +1,7 @@
 """The time of the charts: seconds on the master's clock. Pure."""
 
 from forefeel.common.clock_offset import DRIFT_DIVISOR
+from forefeel.common.stamp_order import Order, StampOrder
 
 RESTART_NS = 10_000_000_000
 """A clock that is further off than this was started anew."""
@@ -21,9 +22,12 @@ class Timeline:
         self._origin_ns: int | None = None
         self._transit_ns: int | None = None
         self._seen_ns = 0
+        self._order = StampOrder(backwards=True)
 
-    def heard(self, stamp_ns: int, receive_ns: int) -> bool:
-        """A stamp of the master; whether the time begins anew with it."""
+    def heard(self, stamp_ns: int, receive_ns: int) -> bool | None:
+        """A stamp of the master; whether the time begins anew with it, None where it is out of order."""
+        if self._order.judge(stamp_ns, receive_ns) is not Order.NEWER:
+            return None
         transit_ns, base_ns = receive_ns - stamp_ns, self._base_ns(receive_ns)
         anew = base_ns is None or abs(transit_ns - base_ns) > RESTART_NS
         if base_ns is None or anew or transit_ns <= base_ns:

@@ -108,6 +108,9 @@ class HostClock:
     def __init__(self, clock: Clock, offset_ns: int) -> None:
         self._clock, self._offset_ns = clock, offset_ns
 
+    def step(self, ahead_ns: int) -> None:
+        self._offset_ns += ahead_ns
+
     def now_ns(self) -> int:
         return self._clock.now_ns() + self._offset_ns
 
@@ -133,6 +136,11 @@ class Host:
 
     def compute(self, work: Callable[[Pause], T]) -> "Future[T]":
         return self._runtime.compute(work)
+
+    def step(self, ahead_ns: int) -> None:
+        """Sets the host's clock ahead, as one does that was suspended."""
+        self._offset_ns += ahead_ns
+        self.clock.step(ahead_ns)
 
     def fault(self, error: BaseException) -> None:
         self._runtime.fault(error)
@@ -178,12 +186,12 @@ class Pair:
 
     def start_slave(self, clock_ns: int = 0) -> None:
         """A new slave process on a host with that clock."""
-        host = Host(self.runtime, clock_ns)
+        host = self.slave_host = Host(self.runtime, clock_ns)
         self.slave = SlaveDaemon(self._slave_settings, self._join(host, self.to_slave), host, self._new_id)
 
     def start_master(self, clock_ns: int = 0) -> None:
         """A new master process on a host with that clock."""
-        host = Host(self.runtime, clock_ns)
+        host = self.master_host = Host(self.runtime, clock_ns)
         self.master = MasterDaemon(
             self._master_settings, self._join(host, self.to_master), host, self._new_id
         )

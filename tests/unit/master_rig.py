@@ -153,12 +153,14 @@ class Rig:
         self.shake.send(Handshake(**fields))
 
     def compare_clocks(self) -> None:
-        """One exchange of heartbeats, 10 ms each way."""
-        self.axis.beat(self.now_ns)
-        sent_ns = self.beats[-1].stamp_ns
-        self.clock.set_ns(sent_ns + 20 * MS)
-        there_ns = sent_ns + 10 * MS + self.slave_ns
-        self.beat.send(Heartbeat(**self.header(self.beat), echo_stamp_ns=sent_ns, echo_receive_ns=there_ns))
+        """Two exchanges of heartbeats, 10 ms each way."""
+        for _ in range(2):
+            self.axis.beat(self.now_ns)
+            sent_ns = self.beats[-1].stamp_ns
+            self.clock.set_ns(sent_ns + 20 * MS)
+            there_ns = sent_ns + 10 * MS + self.slave_ns
+            echo = {"echo_stamp_ns": sent_ns, "echo_receive_ns": there_ns}
+            self.beat.send(Heartbeat(**self.header(self.beat), **echo))
 
     def say_state(self, state: S = S.ARMED, session_id: int | None = None) -> None:
         header = self.header(self.state, session_id)

@@ -95,10 +95,12 @@ def heartbeat(
 
 def test_a_right_answer_compares_the_clocks() -> None:
     rig = Rig()
-    assert rig.beats.heard(heartbeat(1, 5), 100)
-    sent = rig.beat(200 * MS)
-    assert (sent.echo_stamp_ns, sent.echo_receive_ns) == (5, 100)
-    assert rig.beats.heard(heartbeat(2, 1220 * MS, 200 * MS, 1210 * MS), 230 * MS)
+    assert rig.beats.heard(heartbeat(1, 1090 * MS), 100 * MS)
+    for sent_ms, received_ms in ((200, 100), (250, 230)):
+        sent = rig.beat(sent_ms * MS)
+        assert (sent.echo_stamp_ns, sent.echo_receive_ns) == ((received_ms + 990) * MS, received_ms * MS)
+        answer = heartbeat(2, (sent_ms + 1020) * MS, sent_ms * MS, (sent_ms + 1010) * MS)
+        assert rig.beats.heard(answer, (sent_ms + 30) * MS)
     assert rig.beats.offset is not None
     assert (rig.beats.offset.offset_ns, rig.beats.offset.round_trip_ns) == (1000 * MS, 20 * MS)
 

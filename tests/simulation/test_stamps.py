@@ -1,0 +1,103 @@
+"""Valid messages whose stamps are ahead, and clocks that are set, over 150 ms each way."""
+
+from functools import cache
+from typing import Any
+
+import pytest
+
+from forefeel.common.codec import encode
+from forefeel.common.messages import HapticSample, Message
+from forefeel.common.topics import (
+    FORCE,
+    HAPTICS,
+    MASTER_HEARTBEAT,
+    MASTER_STATE,
+    SLAVE_HEARTBEAT,
+    SLAVE_STATE,
+    Topic,
+)
+from tests.simulation.pair import AXIS, Pair, S
+
+CONTACT_S, END_S = 4.0, 6.0
+STAMP, ANSWER, ECHO = "stamp_ns", "answers_stamp_ns", "echo_receive_ns"
+
+
+def started(until_s: float) -> Pair:
+    pair = Pair()
+    pair.to_slave.delay_s = pair.to_master.delay_s = 0.15
+    pair.run(until_s)
+    return pair
+
+
+@cache
+def undisturbed() -> list[HapticSample]:
+    pair = started(CONTACT_S)
+    pair.run(END_S - CONTACT_S)
+    return pair.heard.messages(HAPTICS)
+
+
+def felt(samples: list[HapticSample]) -> list[tuple[float | None, ...]]:
+    return [(sample.rendered_n, sample.zoh_n, sample.predicted_n) for sample in samples]
+
+
+@pytest.mark.parametrize("ahead_s", [0.05, 0.3, 10.0, 1e9])
+@pytest.mark.parametrize(
+    ("topic", "field", "counter"),
+    [
+        (FORCE, STAMP, "forces_ahead"),
+        (FORCE, ANSWER, "forces_ahead"),
+        (SLAVE_STATE, STAMP, "states_ahead"),
+        (SLAVE_HEARTBEAT, STAMP, "heartbeats_refused"),
+        (MASTER_HEARTBEAT, STAMP, "heartbeats_refused"),
+    ],
+)
+def test_a_lone_stamp_ahead_is_counted_and_costs_the_hand_nothing(
+    topic: Topic[Any], field: str, counter: str, ahead_s: float
+) -> None:
+    pair = started(CONTACT_S)
+    newest = pair.heard.messages(topic)[-1]
+    put(
+        pair,
+        topic,
+        newest,
+        **{"sequence": newest.sequence + 1000, field: getattr(newest, field) + round(ahead_s * S)},
+    )
+    pair.run(END_S - CONTACT_S)
+    assert felt(pair.heard.messages(HAPTICS)) == felt(undisturbed())
+    states: Topic[Any] = MASTER_STATE if topic.publisher == "slave" else SLAVE_STATE
+    assert pair.heard.messages(states)[-1].counters[counter] == 1
+
+
+@pytest.mark.parametrize("topic", [MASTER_HEARTBEAT, SLAVE_HEARTBEAT])
+def test_a_lone_echo_that_lies_neither_stops_nor_silences(topic: Topic[Any]) -> None:
+    """As if the answer had been there at once: the shortest round trip that can be."""
+    pair = started(CONTACT_S)
+    newest = pair.heard.messages(topic)[-1]
+    put(pair, topic, newest, stamp_ns=newest.stamp_ns + 1000, echo_receive_ns=newest.stamp_ns)
+    pair.run(END_S - CONTACT_S)
+    assert felt(pair.heard.messages(HAPTICS)) == felt(undisturbed())
+
+
+def put(pair: Pair, topic: Topic[Any], message: Message, **changes: int) -> None:
+    send = pair.stranger().publisher(topic.taken_key("cell", AXIS), topic.qos)
+    send(encode(message.model_copy(update=changes)))
+
+
+@pytest.mark.parametrize(("end", "sessions"), [("slave", 2), ("master", 1)])
+def test_a_clock_that_was_set_ends_the_following_within_300_ms_and_the_axis_arms_again(
+    end: str, sessions: int
+) -> None:
+    pair = started(CONTACT_S)
+    before_s = pair.run(0.0)
+    (pair.slave_host if end == "slave" else pair.master_host).step(10 * S)
+    pair.run(0.3)
+    (stopped_s,) = pair.heard.times("watchdog")
+    assert stopped_s % 10 - before_s < 0.3
+    pair.run(0.2)
+    pair.master.axes[0].report(pair.master_host.clock.now_ns())
+    assert pair.heard.messages(MASTER_STATE)[-1].counters.get("clock_steps", 0) == (
+        2 if end == "slave" else 0
+    )
+    pair.run(8.0)
+    assert pair.heard.messages(SLAVE_STATE)[-1].state.value == "armed"
+    assert len(pair.heard.times("session_opened")) == sessions
