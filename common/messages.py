@@ -15,7 +15,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 PROTOCOL_VERSION = 5  # version of these messages; other versions are refused, except in a handshake
 
-NonNegativeInt = Annotated[int, Field(ge=0, le=2**63 - 1)]
+MOST_COUNT = 2**63 - 1  # MessagePack and JSON readers have 64 bits
+NonNegativeInt = Annotated[int, Field(ge=0, le=MOST_COUNT)]
 Int64 = Annotated[int, Field(ge=-(2**63), le=2**63 - 1)]
 Stamp = Int64
 
@@ -45,7 +46,8 @@ Quantity = Annotated[float, Field(ge=-MOST_QUANTITY, le=MOST_QUANTITY)]
 Native = Annotated[float, Field(ge=-1e12, le=1e12)]
 """In a device's own unit: 32 bits of counts, and per m of a micrometre's thousandth, are less."""
 ShortText = Annotated[str, Field(max_length=256)]
-Name = Annotated[str, Field(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_.-]+$")]
+MOST_NAME = 64  # characters
+Name = Annotated[str, Field(min_length=1, max_length=MOST_NAME, pattern=r"^[A-Za-z0-9_.-]+$")]
 
 
 def within(value: float, most: float) -> float:

@@ -33,7 +33,7 @@ from forefeel.master.handle import Handle, HandleWatch, Indication
 from forefeel.master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from forefeel.master.prediction import IdentificationTask
 from forefeel.master.prior import suspicion
-from forefeel.master.samples import bounded, haptic_sample, model_parameters
+from forefeel.master.samples import bounded, haptic_sample, model_parameters, saturated
 from forefeel.master.session import Session, SessionState
 from forefeel.master.settings import MasterAxisSettings
 from forefeel.master.stop import StopRequest
@@ -315,7 +315,7 @@ class MasterAxis:
                 clutched_s=self.handle.clutched_out_s,
                 clock_offset_ns=best.offset_ns if best else None,
                 clock_bound_ns=best.bound_ns if best else None,
-                counters=self._count(),
+                counters=saturated(self._count()),
             )
         )
 

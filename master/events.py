@@ -17,6 +17,7 @@ _EVENTS: dict[Standing, str] = {
     "handle_fault": "handle_fault",
     "failed": "fault",
 }
+_MOST_RULES = 64  # counters of the slave's rules: five times those that there are
 _REMEMBERED_EVENTS = 64  # events by which a doubled one is known
 
 
@@ -36,7 +37,11 @@ class MasterEvents(AxisEvents):
     def _on_limit(self, event: LimitEvent, receive_ns: int) -> None:
         if not self._is_new(event):
             return
-        self._counters[f"limit_{event.rule}"] += event.count
+        counter = f"limit_{event.rule}"
+        new = counter not in self._counters
+        self._counters["limit_other" if new and len(self._counters) >= _MOST_RULES else counter] += (
+            event.count
+        )
         if event.rule in REFUSALS:
             self._repeat("slave_refused", event.rule, event.count)
         if event.rule == ROUND_TRIP:

@@ -1,11 +1,13 @@
 """The messages in which the master says what the hand did and felt, and how it knows the contact."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from forefeel.common.bus import Header
 from forefeel.common.clock_offset import OffsetEstimate
 from forefeel.common.messages import (
+    MOST_COUNT,
     MOST_FORCE_N,
+    MOST_NAME,
     MOST_PARAMETER,
     MOST_POSITION_M,
     HapticSample,
@@ -56,6 +58,11 @@ def haptic_sample(
         limited=bool(outputs.hits),
         energy_j=outputs.energy_j,
     )
+
+
+def saturated(counters: Mapping[str, int]) -> dict[str, int]:
+    """Counters as a state carries them, though the slave has sent some of the numbers and names."""
+    return {name[:MOST_NAME]: min(count, MOST_COUNT) for name, count in counters.items()}
 
 
 def bounded(force_n: float | None) -> float | None:

@@ -5,12 +5,12 @@ from itertools import pairwise
 import pytest
 
 from forefeel.common.errors import DeviceError
-from forefeel.common.messages import MOST_FORCE_N
+from forefeel.common.messages import MOST_COUNT, MOST_FORCE_N
 from forefeel.common.settings import AxisLimits, settings_hash, shared_text
 from forefeel.master.handle import HandleReading
 from forefeel.master.session import SessionState
 from forefeel.master.stop import StopRequest
-from tests.unit.dashboard.said import slave_state
+from tests.unit.dashboard.said import limit, slave_state
 from tests.unit.failing import refusing
 from tests.unit.master_rig import FULL_SCALE_N, MS, SHARED, Rig, S, linked, shown
 
@@ -244,3 +244,12 @@ def test_failing_handle_keeps_the_session_out_of_the_prior(rig: Rig) -> None:
     rig.step()
     rig.axis.serve(rig.now_ns)
     assert rig.axis.faulted
+
+
+def test_no_number_and_no_name_of_the_slave_keeps_a_report_from_being_sent(rig: Rig) -> None:
+    rules = ["force", "force", "r" * 64, *(f"rule_{n}" for n in range(300))]
+    for sequence, rule in enumerate(rules):
+        rig.axis.events._on_limit(limit(sequence=sequence, rule=rule, count=MOST_COUNT), rig.now_ns)
+    counters = rig.counters()
+    assert counters["limit_force"] == counters["limit_other"] == MOST_COUNT
+    assert len(counters) < 100
