@@ -204,6 +204,7 @@ class Process:
                 if not isinstance(opening.exception(), NoRouterError):
                     if opening.result().notice:
                         self.say(opening.result().notice)
+                    self._take_priority()
                     return opening.result()
                 await asyncio.sleep(_ROUTER_S)
                 opening = runtime.host.in_thread(open_it, "zenoh open")
@@ -215,6 +216,14 @@ class Process:
             await asyncio.sleep(_OPENING_S)
         opening.add_done_callback(_close_unused)
         return None
+
+    def _take_priority(self) -> None:
+        """Not before the transport is open, which takes a tenth of a second of computing: the threads of a
+        cell that runs on this host would wait.
+        """
+        if priority := self.settings.realtime.priority:
+            self.runtime.host.raise_threads(priority - _BELOW_THE_LOOP)
+            self.runtime.host.keep_core(highest=self.role == "slave")
 
     @contextmanager
     def closing(self, transport: ParallelTransport, kind: Callable[..., D]) -> Iterator[D]:
@@ -258,11 +267,10 @@ class Process:
 @contextmanager
 def _process(settings: DaemonSettings, role: Role, host: Host | None, connect: Connect) -> Iterator[Process]:
     """Runtime, state folder and control socket of a daemon, in a process whose every thread is ahead of the
-    machine's other work, below the loop.
+    machine's other work, below the loop, once its transport is open (docs/decisions/0008).
 
-    Threads inherit it: those of Zenoh, the receivers, the timers (docs/decisions/0008). The process is
-    settled before a device is opened: it would hear nothing of us meanwhile. The control socket is open
-    before the network: a stop needs no connection.
+    The process is settled before a device is opened: it would hear nothing of us meanwhile. The control
+    socket is open before the network: a stop needs no connection.
 
     Raises:
         ConfigurationError: the folder is in use, or a file can not be used.
@@ -270,8 +278,7 @@ def _process(settings: DaemonSettings, role: Role, host: Host | None, connect: C
     priority = settings.realtime.priority
     runtime = RealRuntime(priority, host)
     runtime.host.prepare_process()
-    runtime.host.prepare_thread(priority - _BELOW_THE_LOOP if priority else 0)
-    runtime.host.keep_core(highest=role == "slave")
+    runtime.host.prepare_thread(0)
     loop = asyncio.get_running_loop()
     with (
         heeded(lambda: loop.call_soon_threadsafe(runtime.stop)),

@@ -94,6 +94,7 @@ def run(monkeypatch: pytest.MonkeyPatch) -> Callable[[Sequence[str]], int]:
     # what a daemon asks of the operating system would stay with this process
     monkeypatch.setattr(HOST, "prepare_process", lambda: "left alone")
     monkeypatch.setattr(HOST, "prepare_thread", lambda _: "left alone")
+    monkeypatch.setattr(HOST, "raise_threads", lambda _: None)
     monkeypatch.setattr("forefeel.__main__._go_first", lambda: None)
 
     def run(arguments: Sequence[str]) -> int:

@@ -92,6 +92,8 @@ class SteppedHost(Host):
     def prepare_thread(self, priority: int) -> str:
         return f"priority {priority} not asked for"
 
+    def raise_threads(self, priority: int) -> None: ...
+
     def keep_core(self, highest: bool) -> None: ...
 
     def run(self, coroutine: Coroutine[Any, Any, T]) -> T:

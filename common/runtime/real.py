@@ -13,7 +13,13 @@ from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import RunError
 from forefeel.common.lateness import Lateness
 from forefeel.common.runtime.port import Pause, Tick
-from forefeel.common.runtime.realtime import RealtimeThread, keep_core, prepare_process, prepare_thread
+from forefeel.common.runtime.realtime import (
+    RealtimeThread,
+    keep_core,
+    prepare_process,
+    prepare_thread,
+    raise_threads,
+)
 from forefeel.common.runtime.threads import Gaps, Worker, in_thread
 from forefeel.common.transport.port import OnFault, Timers
 from forefeel.common.transport.timers import TimerThread
@@ -64,6 +70,9 @@ class Host:
 
     def prepare_thread(self, priority: int) -> str:
         return prepare_thread(priority)
+
+    def raise_threads(self, priority: int) -> None:
+        raise_threads(priority)
 
     def keep_core(self, highest: bool) -> None:
         keep_core(highest)

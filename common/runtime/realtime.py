@@ -9,6 +9,7 @@ import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from pathlib import Path
 
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import RunError
@@ -61,9 +62,21 @@ def prepare_thread(priority: int) -> str:
     return f"SCHED_FIFO {priority}{f' on core {min(cores)}' if len(cores) == 1 else ''}"
 
 
+def raise_threads(priority: int) -> None:
+    """Asks for SCHED_FIFO for every thread of the process that has run under normal scheduling until now."""
+    for _ in range(2):  # a second time for what was just being started
+        for thread in _threads():
+            with suppress(OSError):  # not granted, as `prepare_thread` says of the loop; or ended
+                os.sched_setscheduler(thread, os.SCHED_FIFO, os.sched_param(priority))
+
+
+def _threads() -> list[int]:
+    return [int(task.name) for task in Path("/proc/self/task").iterdir()]
+
+
 def keep_core(highest: bool) -> None:
-    """Keeps the calling thread of SCHED_FIFO, and those that it starts, on a core that no other daemon of
-    this host keeps. Without such a core, and under normal scheduling, the kernel goes on choosing.
+    """Keeps the threads of a process under SCHED_FIFO on a core that no other daemon of this host keeps.
+    Without such a core, and under normal scheduling, the kernel goes on choosing.
 
     It wakes each thread on whatever core is idle, which costs an eighth more processor time and doubles the
     lateness (docs/decisions/0019). `highest`: from which end of the cores it takes the first free one; master
@@ -79,7 +92,9 @@ def keep_core(highest: bool) -> None:
             mine.close()
             continue
         _KEPT.append(mine)
-        os.sched_setaffinity(0, {core})
+        for thread in _threads():
+            with suppress(OSError):  # it has ended
+                os.sched_setaffinity(thread, {core})
         return
 
 

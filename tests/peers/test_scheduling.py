@@ -95,6 +95,19 @@ def test_a_prepared_process_says_what_it_got_and_hands_the_interpreter_over_soon
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="SCHED_FIFO needs root")
+def test_threads_that_were_started_before_are_raised_and_hand_that_on() -> None:
+    script = (
+        "import os, threading; from forefeel.common.runtime.realtime import raise_threads\n"
+        "waiting = threading.Event(); threading.Thread(target=waiting.wait).start(); raise_threads(30)\n"
+        "threading.Thread(target=waiting.wait).start()\n"
+        "print(*(os.sched_getparam(int(t)).sched_priority for t in os.listdir('/proc/self/task')))\n"
+        "waiting.set()"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["30"] * 3
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="SCHED_FIFO needs root")
 def test_a_device_thread_goes_before_what_only_computes_and_hands_that_on() -> None:
     found: list[int] = []
 

@@ -202,7 +202,8 @@ def affinities(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[set[int]]]:
     monkeypatch.setattr("os.sched_getscheduler", lambda _: os.SCHED_FIFO)
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {7000, 7001})
     monkeypatch.setattr("os.sched_setaffinity", lambda _, cores: asked.append(cores))
-    monkeypatch.setattr("forefeel.common.runtime.realtime._KEPT", kept)
+    monkeypatch.setattr(realtime, "_KEPT", kept)
+    monkeypatch.setattr(realtime, "_threads", lambda: [0])
     yield asked
     for each in kept:
         each.close()
