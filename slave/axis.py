@@ -164,6 +164,7 @@ class SlaveAxis:
         latched = self._event_sink.latched.get(self.name, self._event_sink.latched.get(""))
         if latched is not None:
             self._estop.put(f"{_LATCHED}{latched.removeprefix(_LATCHED)}")
+            self.settle(now_ns)  # before anyone can ask what is latched
 
     def close(self) -> None:
         self._watch.close()
@@ -192,7 +193,7 @@ class SlaveAxis:
         self._bus.end_batches(now_ns)
 
     def settle(self, now_ns: int) -> None:
-        """Heeds the stop and the fault that wait for a tick; only ever called when none follows."""
+        """Heeds the stop and the fault that wait for a tick, without one."""
         assert self._control is not None, "open() comes first"
         self._changed(now_ns, self._control.halt(now_ns, self._estop.take(), self._fault.take()))
 
