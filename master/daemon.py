@@ -136,7 +136,7 @@ def _axis(
     identification = IdentificationTask(
         prediction, Learner(prediction.evaluator, prior, model, runtime.compute)
     )
-    loop = HapticLoop(prediction, settings.rendering)
+    loop = HapticLoop(prediction, settings.rendering, settings.limits)
     handle = make_handle(settings.handle, runtime.clock)
     return MasterAxis(cell, settings, handle, loop, identification, bus, new_id, event_sink, origin)
 

@@ -7,7 +7,8 @@ from forefeel.common import topics
 from forefeel.common.bus import Bus
 from forefeel.common.events.axis import AxisEvents
 from forefeel.common.events.sink import REFUSALS, EventSink
-from forefeel.common.events.text import ROUND_TRIP, emergency_stop, event_text
+from forefeel.common.events.text import DISTRUSTED, ROUND_TRIP, emergency_stop, event_text
+from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import LimitEvent, MasterEvent, SafetyEvent
 
 Standing = Literal["no_session", "in_session", "handle_fault", "failed"]
@@ -58,6 +59,14 @@ class MasterEvents(AxisEvents):
         new = key not in self._heard
         self._heard.append(key)
         return new
+
+    def _limited(self, hit: LimitHit, count: int, now_ns: int) -> None:
+        """Logs where the prediction is not believed; the other limits stand in the recording."""
+        if hit.rule == DISTRUSTED:
+            self._repeat("prediction_distrusted", "rendering", count)
+            self.notices.repeat(
+                "prediction out of reach of the measured force, which is felt late now", now_ns
+            )
 
     def session_lost(self, reason: str, now_ns: int) -> bool:
         """See `AxisEvents`. A flight record is kept, for nobody else heard what the hand felt."""

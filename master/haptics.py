@@ -4,11 +4,14 @@ from math import isfinite
 from typing import NamedTuple
 
 from forefeel.common.estimation.evaluator import Estimate, Snapshot
+from forefeel.common.events.text import DISTRUSTED
 from forefeel.common.limiter import LimitHit
-from forefeel.common.messages import FOLLOWING, ForceSample, Grip, SafetyState
+from forefeel.common.messages import FOLLOWING, MOST_FORCE_N, ForceSample, Grip, SafetyState
+from forefeel.common.settings import AxisLimits
 from forefeel.master.handle import HandleReading
 from forefeel.master.prediction import ForcePrediction
-from forefeel.master.rendering import ForceRenderer
+from forefeel.master.rendering import ForceRenderer, Rendered
+from forefeel.master.rendering_watch import RenderingWatch
 from forefeel.master.settings import RenderingSettings
 
 
@@ -75,10 +78,14 @@ class Clutch:
 class HapticLoop:
     """Handle in, command out, force out."""
 
-    def __init__(self, prediction: ForcePrediction, settings: RenderingSettings) -> None:
+    def __init__(
+        self, prediction: ForcePrediction, settings: RenderingSettings, limits: AxisLimits | None = None
+    ) -> None:
         self.clutch = Clutch()
         self._prediction = prediction
         self._renderer = ForceRenderer(settings)
+        self._watch = RenderingWatch(settings, limits or AxisLimits())
+        self._rendered = Rendered(0.0, (), 0.0)
         self._feels_zoh = settings.source == "zoh"
         self._stale_ns = int(settings.stale_s * 1e9)
 
@@ -88,21 +95,33 @@ class HapticLoop:
         position_m = self.clutch.command_m(reading, inputs.stage_position_m)
         predicted = self._predict(now_ns, position_m, inputs)
         fresh = force is not None and force.is_fresh(now_ns, self._stale_ns)
-        live = fresh and reading.deadman and inputs.state in FOLLOWING
+        following = reading.deadman and inputs.state in FOLLOWING
+        # a recorded force may pause, for nobody feels it
+        due = following and force is not None and (fresh or reading.recording_time_s is None)
+        newest = force.sample if force is not None and due else None
+        self._watch.judge(now_ns, position_m, reading.deadman, newest, predicted, self._rendered)
+        deadman = reading.deadman and not self._watch.ends
+        if predicted is not None and not isfinite(sum(predicted[:3])):
+            predicted = None
         zoh_n = force.sample.force_n if force else None
-        felt_n = zoh_n if self._feels_zoh else predicted.force_n if predicted else None
-        rendered = self._renderer.render(now_ns, felt_n, live, reading.position_m)
+        late = self._feels_zoh or self._watch.distrusts
+        felt_n = zoh_n if late else predicted.force_n if predicted else None
+        live = fresh and following and deadman
+        rendered = self._rendered = self._renderer.render(now_ns, felt_n, live, reading.position_m)
+        hits, asked_n = rendered.hits, predicted.force_n if predicted else MOST_FORCE_N
+        if self._watch.distrusts:
+            hits += (LimitHit(DISTRUSTED, asked_n, felt_n or 0.0, "N"),)
         return HapticOutputs(
             position_m=position_m,
-            velocity_m_s=reading.velocity_m_s if reading.deadman else 0.0,
-            deadman=reading.deadman,
+            velocity_m_s=reading.velocity_m_s if deadman else 0.0,
+            deadman=deadman,
             gripper=reading.gripper,
             recording_time_s=reading.recording_time_s,
             predicted=predicted,
             band_n=predicted[1:3] if predicted and fresh and inputs.snapshot.band_known else None,
             zoh_n=zoh_n,
             rendered_n=rendered.force_n,
-            hits=rendered.hits,
+            hits=hits,
             energy_j=rendered.energy_j,
         )
 
@@ -121,7 +140,6 @@ class HapticLoop:
             self._prediction.reset()
             return None
         newest = inputs.force.sample if inputs.force else None
-        predicted = self._prediction.predict(
+        return self._prediction.predict(
             now_ns, position_m, reading.velocity_m_s, reading.deadman, inputs.snapshot, newest
         )
-        return predicted if predicted is not None and isfinite(sum(predicted[:3])) else None

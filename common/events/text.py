@@ -22,6 +22,8 @@ UNKNOWN = "–"
 ROUND_TRIP = "round_trip"
 """The rule by which an axis does not arm over a link that is too slow."""
 _ROUND_TRIP = "round trip "
+DISTRUSTED = "rendered_late"
+"""The rule by which the hand feels the late force, for the prediction is out of reach of it."""
 _LIMITED = {
     "workspace": "position kept within the workspace",
     "travel": "position kept within the travel",
@@ -30,6 +32,7 @@ _LIMITED = {
     "rendered_force": "force at the hand limited",
     "rendered_step": "force at the hand smoothed",
     "rendered_energy": "force at the hand kept passive",
+    DISTRUSTED: "prediction not believed, the late force at the hand",
 }
 """What became of a motion or a force by a rule; of others that they were limited."""
 

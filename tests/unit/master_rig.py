@@ -125,6 +125,7 @@ class Rig:
         bus.subscribe(topics.MASTER_HEARTBEAT, lambda m, _: self.beats.append(m))
         bus.subscribe(topics.EMERGENCY_STOP, lambda m, _: self.stops.append(m))
         self.slave_ns = 0  # the slave's clock minus the master's
+        self.force_n = 0.3
 
     def _observe(self, payload: bytes, receive_ns: int) -> None:
         self.haptics += [message for message, _ in observed(topics.HAPTICS, payload, receive_ns)]
@@ -169,7 +170,12 @@ class Rig:
     def say_force(self, session_id: int | None = None, **changes: Any) -> None:  # noqa: ANN401 - any field
         newest = self.commands[-1] if self.commands else None
         answered = None if newest is None else (newest.sequence, newest.stamp_ns)
-        fields = {**self.header(self.force, session_id), "position_m": 0.05, "force_n": 0.3, **changes}
+        fields = {
+            **self.header(self.force, session_id),
+            "position_m": 0.05,
+            "force_n": self.force_n,
+            **changes,
+        }
         self.force.send(said.force(fields.pop("sequence"), fields.pop("stamp_ns"), answered, **fields))
 
     def push(self, ticks: int) -> None:

@@ -105,7 +105,7 @@ def test_a_state_of_another_holder_is_no_state_of_ours(rig: Rig) -> None:
 
 def test_what_is_published_is_what_the_handle_applied(rig: Rig) -> None:
     rig.compare_clocks()
-    rig.predictor.answer = 3.5
+    rig.predictor.answer, rig.force_n = 3.5, 3.0
     rig.push(400)
     assert rig.handle.felt_n[-1] == 2.0
     assert rig.haptics[-1].rendered_n == 2.0

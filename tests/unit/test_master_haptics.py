@@ -11,6 +11,7 @@ from forefeel.common.messages import SafetyState
 from forefeel.master.handle import HandleReading
 from forefeel.master.haptics import Clutch, HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from forefeel.master.prediction import ForcePrediction
+from forefeel.master.rendering import Rendered
 from forefeel.master.settings import RenderingSettings
 from tests.unit.dashboard.said import force
 
@@ -123,6 +124,47 @@ def test_a_force_is_felt_only_while_the_slave_follows(state: S | None) -> None:
     assert bench.tick(201).rendered_n == 0.0
     bench.state = S.ENGAGING
     assert bench.tick(300).rendered_n == 1.0
+
+
+def test_a_dead_renderer_and_a_stale_force_end_the_following_and_a_new_press_begins_it_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for dead in (True, False):
+        bench = Bench()
+        assert bench.tick(500).deadman
+        if dead:
+            monkeypatch.setattr(bench.loop._renderer, "render", lambda *_: Rendered(0.0, (), 0.0))
+        ticks = next(n for n in range(1, 999) if not bench.tick(fresh=dead).deadman)
+        assert ticks <= (302 if dead else 602)  # stale after .1 s, faded in .2 s
+        bench.reading = bench.reading._replace(deadman=False)
+        bench.tick()
+        bench.reading = bench.reading._replace(deadman=True)
+        assert bench.tick(190).deadman
+
+
+@pytest.mark.parametrize(
+    ("settings", "answer", "state"),
+    [
+        (RenderingSettings(source="zoh"), 50.0, S.ARMED),  # what is wrong is not felt
+        (SETTINGS, 50.0, S.READY),
+        (SETTINGS, None, S.ARMED),  # before any is known
+        (RenderingSettings(force_scale=0.01), 1.0, S.ARMED),
+        (RenderingSettings(force_scale=100.0), 1.0, S.ARMED),
+    ],
+)
+def test_where_nothing_wrong_is_felt_the_following_goes_on(
+    settings: RenderingSettings, answer: float | None, state: S
+) -> None:
+    bench = Bench(settings)
+    bench.predictor.answer, bench.state = answer, state
+    assert all(bench.tick().deadman for _ in range(1000))
+
+
+def test_a_hand_that_may_not_be_given_energy_feels_nothing_without_an_alarm() -> None:
+    bench = Bench()
+    bench.reading = HandleReading(0.1, 0.0, True)
+    out = bench.tick(1000)
+    assert (out.deadman, out.rendered_n) == (True, 0.0)
 
 
 ANSWER = st.none() | st.floats(-100.0, 100.0) | st.sampled_from([nan, inf, -inf])
