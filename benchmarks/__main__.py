@@ -53,6 +53,7 @@ ALL = (
     Benchmark("security", "What do certificates and the gate cost?"),
     Benchmark("estimation", "Identification and prediction, beside padasip, statsmodels, filterpy"),
     Benchmark("prediction", "How far off is the predictor, beside others?", True, words=("--delays", "300")),
+    Benchmark("felt_force", "What does the hand feel at a wall across a delay?"),
     Benchmark("diagnosis", "How long does a diagnosis take, and how does that grow?"),
     Benchmark("diagnosis_peers", "Which causes are named right, beside PySINDy and sysidentpy?", True),
     Benchmark("recording", "What does a recording cost by its length, beside the MCAP library?", True),
