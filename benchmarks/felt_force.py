@@ -4,15 +4,18 @@ Each row is a run of 18 s: strokes of 15 mm against a wall without friction 3 mm
 daemons on one bus whose links have half of the round trip each. Per row:
 
 - lowest E in mJ, E(n) = sum f(k - 1 - late) (x(k) - x(k - 1)): what the hand has put into the handle, with
-  actuators that apply the force at once, or some ticks late (the same motion);
+  the actuator as late as its driver states; and with others that apply the force at once, or some ticks late
+  (the same motion);
 - change of the felt force per tick in mN, its 99.9th percentile and its largest, without the 0.5 s after an
   engagement that follows a stop; the largest in these 0.5 s alone;
 - R, the rms error of the felt force in N, and the share of time in which it is within one just noticeable
   difference (`forefeel.report.transparency`): while the predictor learns (4 to 10 s) / later (10 to 18 s);
 - the largest distance in mm of the stage from where the command that it executes wants it, from 4 s on.
 
-Beside the product's own rows: the newest force that has arrived under the same passivity limit
-(`rendering.source: zoh`), and two controllers of the literature, tuned as `benchmarks.bilateral` says.
+R and errors count what the hand can have: true and late force within its 4 N. A row `1 ms late` has an
+actuator that is, and says so (`actuator_delay_s`). Beside the product's own rows, under the same passivity
+limit: the newest force that has arrived (`rendering.source: zoh`), and the true force in place of the
+predicted one. And two controllers of the literature, tuned as `benchmarks.bilateral` says.
 Arguments: words, of which each row's name has one (default: all rows); a number is a seed (default: two).
 """
 
@@ -31,6 +34,8 @@ from benchmarks.bilateral import PEERS, Peer, Trace, simulate
 from benchmarks.markdown import Table
 from forefeel.common.causes.model import SCHEMA
 from forefeel.common.clock import VirtualClock
+from forefeel.common.estimation.evaluator import Estimate, Snapshot
+from forefeel.common.messages import ForceSample, MotionCommand, within
 from forefeel.common.topics import COMMAND, FORCE, HAPTICS
 from forefeel.loopback.plan import LoopbackOptions, Plan, make_plan
 from forefeel.master.daemon import make_handle
@@ -51,6 +56,9 @@ CUTS_S = ((7.0, 7.6), (11.5, 12.1))
 CONTACT_M = 0.008  # m, where the wall begins
 STROKE = {"depth_m": 0.015}
 LOOSE = {"arm_mass_kg": 0.15, "arm_damping_n_s_m": 3.0, "arm_stiffness_n_m": 60.0}
+LOOSER = {"arm_mass_kg": 0.1, "arm_damping_n_s_m": 1.5, "arm_stiffness_n_m": 40.0}
+TAPPING = {"insert_s": 0.22, "withdraw_s": 0.22, "dwell_s": 0.02, "depth_m": 0.012}
+SHAKING = {"tremor_m": 0.0012}
 STIFF = {"arm_mass_kg": 0.6, "arm_damping_n_s_m": 40.0, "arm_stiffness_n_m": 1000.0, "depth_m": 0.006}
 Flags = NDArray[np.bool_]
 
@@ -59,7 +67,8 @@ Flags = NDArray[np.bool_]
 class Row:
     """`stiffness_n_m` None: the world of the demo. From `JUMP_S` on: `later_s`, the round trip, and `ratio`,
     of the wall's stiffness. `hand`: settings of the operator. `source`: of the force, see
-    `RenderingSettings`. `again`: a run of another operator came before, whose prior this one loads.
+    `RenderingSettings`, or "true". `late`: ticks, of the actuator. `again`: a run of another operator came
+    before, whose prior this one loads.
     """
 
     name: str
@@ -70,14 +79,15 @@ class Row:
     cuts_s: tuple[tuple[float, float], ...] = ()
     hand: dict[str, float] = field(default_factory=dict)
     source: str = "predicted"
+    late: int = 0
     again: bool = False
 
     def plan(self, seed: int = SEED, prior_dir: Path | None = None) -> Plan:
         """Settings of both ends, at a wall with a force limit that the hand does not reach."""
         plan = make_plan(LoopbackOptions(seed=seed, prior_dir=prior_dir))
         slave, master = plan.slave["axes"][0], plan.master["axes"][0]
-        master["handle"] |= self.hand
-        master["rendering"] |= {"source": self.source}
+        master["handle"] |= self.hand | {"actuator_delay_s": self.late * 1e-3}
+        master["rendering"] |= {"source": "zoh" if self.source == "zoh" else "predicted"}
         if self.stiffness_n_m is not None:
             master["handle"] = STROKE | master["handle"]
             slave["limits"] = master["limits"] = {"max_force_n": 40.0}
@@ -116,7 +126,20 @@ ROWS = (
     Row("demo catheter 300 ms", None, 0.3),
     Row("demo catheter, second run, 300 ms", None, 0.3, again=True),
 )
+HANDS = tuple(
+    Row(f"{name} {stiffness_n_m:g} N/m 300 ms", stiffness_n_m, 0.3, hand=hand)
+    for name, hand, further_n_m in (
+        ("tapping", TAPPING, (8000.0,)), ("shaking", SHAKING, ()), ("looser hand", LOOSER, (2000.0,)),
+    )
+    for stiffness_n_m in (800.0, 1500.0, 3000.0, *further_n_m)
+)  # fmt: skip
+LATE_ROWS = tuple(
+    replace(row, name=f"{row.name}, {late} ms late", late=late) for row in (*ROWS, *HANDS) for late in (1, 3)
+)
 HELD = tuple(replace(row, name=f"held force, {row.name}", source="zoh") for row in STEADY)
+TRUE = tuple(
+    replace(row, name=f"true force, {row.name}", source="true") for row in (*STEADY, *ROWS[-4:-2], *HANDS)
+)
 
 
 class Actuator:
@@ -164,8 +187,12 @@ class Felt:
             self._pair = Pair(*_ends(plan))
             self.actuator = Actuator(self._pair.master.axes[0].handle)
             self._axis = plan.slave_settings().axes[0]
-            self._scale = plan.master_settings().axes[0].rendering.force_scale
+            rendering = plan.master_settings().axes[0].rendering
+            self._scale = rendering.force_scale
+            self._most_n = rendering.max_force_n / rendering.force_scale
             self._start_ns = self._pair.runtime.clock.now_ns()
+            if row.source == "true":
+                self._render_truth()
             self._run(self._pair)
 
     def _run(self, pair: Pair) -> None:
@@ -179,6 +206,32 @@ class Felt:
         pair.run(DURATION_S - JUMP_S)
         # observers hear haptic samples in batches of 20 ms: the last one of a run is not full
         pair.master.axes[0].flush(pair.runtime.clock.now_ns())
+
+    def _twin(self) -> Twin:
+        return Twin(self._axis, self._start_ns + S // 1000, round(self._row.round_trip_s / 2 * S))
+
+    def _render_truth(self) -> None:
+        """Has the prediction say what the twin answers."""
+        prediction, twin = self._pair.master.axes[0]._loop._prediction, self._twin()
+        predict = prediction.predict
+
+        def true(
+            stamp_ns: int,
+            position_m: float,
+            velocity_m_s: float,
+            deadman: bool,
+            snapshot: Snapshot,
+            newest: ForceSample | None,
+        ) -> Estimate | None:
+            command = MotionCommand(
+                session_id=0, sequence=0, stamp_ns=stamp_ns,
+                position_m=position_m, velocity_m_s=velocity_m_s, deadman=deadman,
+            )  # fmt: skip
+            force_n = twin.force_n(command)
+            predicted = predict(stamp_ns, position_m, velocity_m_s, deadman, snapshot, newest)
+            return None if predicted is None else predicted._replace(force_n=force_n)
+
+        vars(prediction).update(predict=true)
 
     def again(self) -> Flags:
         """The changes of the force after a further arming."""
@@ -195,13 +248,14 @@ class Felt:
         heard = self._pair.heard
         stage_m = {sample.answers_sequence: sample.position_m for sample in heard.messages(FORCE)}
         haptics = {sample.sequence: sample for sample in heard.messages(HAPTICS)}
-        twin = Twin(self._axis, self._start_ns + S // 1000, round(self._row.round_trip_s / 2 * S))
+        twin, most_n = self._twin(), self._most_n
         rows = []
         for command in heard.messages(COMMAND):
             true_n, haptic = twin.force_n(command), haptics[command.sequence]
             if command.sequence in stage_m and haptic.zoh_n is not None:
                 time_s, behind_m = (command.stamp_ns - self._start_ns) / S, stage_m[command.sequence]
-                felt_n, held_n = haptic.rendered_n / self._scale, haptic.zoh_n
+                felt_n, held_n = haptic.rendered_n / self._scale, within(haptic.zoh_n, most_n)
+                true_n = within(true_n, most_n)
                 rows.append((time_s, felt_n, held_n, true_n, behind_m - command.position_m))
         return Trace(*np.array(rows).T)
 
@@ -224,7 +278,7 @@ def best(peer: Peer, row: Row, seed: int) -> tuple[str, Actuator, Trace]:
     return min(found, key=lambda each: each[:2])[2:]
 
 
-def cells(actuator: Actuator, again: Flags, trace: Trace) -> list[str]:
+def cells(actuator: Actuator, again: Flags, trace: Trace, stated: int = 0) -> list[str]:
     """A row of the table, but its name."""
     steps_mn = 1e3 * np.abs(np.diff(actuator.forces_n))
     usual_mn = steps_mn[~again]
@@ -233,6 +287,7 @@ def cells(actuator: Actuator, again: Flags, trace: Trace) -> list[str]:
     scores = [transparency(trace.felt_n[span], trace.held_n[span], trace.true_n[span]) for span in spans]
     drift_mm = 1e3 * np.abs(trace.behind_m[trace.time_s > LEARNING_S[0]]).max()
     return [
+        f"{actuator.lowest_mj(stated) + 0.0:.2f}",
         " / ".join(f"{actuator.lowest_mj(late) + 0.0:.2f}" for late in LATE),
         " / ".join(f"{step_mn:.0f}" for step_mn in steps),
         " / ".join(f"{score.ratio or 0.0:.3f}" for score in scores),
@@ -249,14 +304,15 @@ def main(words: list[str]) -> None:
     parts = [word for word in words if not word.isdecimal()]
     late = " / ".join(map(str, LATE))
     heads = [
-        "row", "seed", f"lowest E, {late} ms late, mJ", "step, p99.9 / most / again, mN/ms",
-        "R, learning / learned", "error, N", "within a JND", "stage behind, mm",
+        "row", "seed", "lowest E, as late as stated, mJ", f"lowest E, {late} ms late, mJ",
+        "step, p99.9 / most / again, mN/ms", "R, learning / learned", "error, N", "within a JND",
+        "stage behind, mm",
     ]  # fmt: skip
     table = Table(heads, "python -m benchmarks.felt_force")
-    for row, seed in product((*ROWS, *HELD), seeds):
+    for row, seed in product((*ROWS, *HANDS, *LATE_ROWS, *HELD, *TRUE), seeds):
         if not parts or any(part in row.name for part in parts):
             felt = Felt(row, seed)
-            table.add([row.name, seed, *cells(felt.actuator, felt.again(), felt.trace())])
+            table.add([row.name, seed, *cells(felt.actuator, felt.again(), felt.trace(), row.late)])
     for peer, row, seed in product(PEERS, STEADY, seeds):
         if not parts or any(part in f"{peer.name}, {row.name}" for part in parts):
             tuning, actuator, trace = best(peer, row, seed)

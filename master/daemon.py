@@ -136,7 +136,8 @@ def _axis(
     identification = IdentificationTask(
         prediction, Learner(prediction.evaluator, prior, model, runtime.compute)
     )
-    loop = HapticLoop(prediction, settings.rendering, settings.limits)
+    delay_s = settings.handle.actuator_delay_s
+    loop = HapticLoop(prediction, settings.rendering, settings.limits, delay_s)
     handle = make_handle(settings.handle, runtime.clock)
     return MasterAxis(cell, settings, handle, loop, identification, bus, new_id, event_sink, origin)
 

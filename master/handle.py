@@ -1,7 +1,9 @@
 """The handle port: what the master needs of the thing in the surgeon's hand; and how an axis reads it."""
 
 from collections.abc import Callable, Mapping
-from typing import ClassVar, NamedTuple, Protocol
+from typing import Annotated, ClassVar, NamedTuple, Protocol
+
+from pydantic import Field
 
 from forefeel.common.errors import DeviceError
 from forefeel.common.events.console import Notices
@@ -16,7 +18,12 @@ from forefeel.common.messages import (
 
 
 class HandleDriverSettings(DriverSettings):
+    """`actuator_delay_s`: the longest time in s from `render` to the force at the hand. As long as it is
+    later by a tick of 1 ms at most, the force gives the hand no energy.
+    """
+
     slot: ClassVar[Slot] = "handle"
+    actuator_delay_s: Annotated[float, Field(ge=0, le=0.02)] = 0.0
 
 
 class HandleReading(NamedTuple):

@@ -79,11 +79,15 @@ class HapticLoop:
     """Handle in, command out, force out."""
 
     def __init__(
-        self, prediction: ForcePrediction, settings: RenderingSettings, limits: AxisLimits | None = None
+        self,
+        prediction: ForcePrediction,
+        settings: RenderingSettings,
+        limits: AxisLimits | None = None,
+        actuator_delay_s: float = 0.0,
     ) -> None:
         self.clutch = Clutch()
         self._prediction = prediction
-        self._renderer = ForceRenderer(settings)
+        self._renderer = ForceRenderer(settings, actuator_delay_s)
         self._watch = RenderingWatch(settings, limits or AxisLimits())
         self._rendered = Rendered(0.0, (), 0.0)
         self._feels_zoh = settings.source == "zoh"

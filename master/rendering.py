@@ -33,15 +33,15 @@ class ForceRenderer:
         force_n: what is rendered now.
     """
 
-    def __init__(self, settings: RenderingSettings) -> None:
+    def __init__(self, settings: RenderingSettings, actuator_delay_s: float = 0.0) -> None:
         self._settings = settings
         self._fade = 0.0
         self._target_n = 0.0
         self._previous_ns: int | None = None
         self._position_m: float | None = None
-        self._observer = PassivityObserver()
+        self._observer = PassivityObserver(actuator_delay_s)
         self._passivity = PassivityLimit(
-            settings.max_force_n, settings.max_slew_n_s, settings.max_stiffness_n_m
+            settings.max_force_n, settings.max_slew_n_s, settings.max_stiffness_n_m, actuator_delay_s
         )
         self._applied_n = 0.0
         self.force_n = 0.0

@@ -19,8 +19,8 @@ SETTINGS = RenderingSettings(force_scale=2.0, max_force_n=4.0, max_slew_n_s=40.0
 class Hand:
     """A renderer at 1 kHz."""
 
-    def __init__(self, settings: RenderingSettings = SETTINGS) -> None:
-        self.renderer = ForceRenderer(settings)
+    def __init__(self, settings: RenderingSettings = SETTINGS, actuator_delay_s: float = 0.0) -> None:
+        self.renderer = ForceRenderer(settings, actuator_delay_s)
         self.now_ns = 0
         self.position_m = self.energy_j = 0.0
         self.hits: tuple[LimitHit, ...] = ()
@@ -195,24 +195,28 @@ def test_the_energy_is_that_of_the_force_as_applied() -> None:
 
 
 class Adversary:
-    """Moves the hand and accounts what it is given, by an actuator at once and by one a tick late."""
+    """Moves the hand and accounts what it puts in, by actuators of each lateness up to a tick beyond that
+    which the driver states, and by one of any lateness up to it in each tick.
+    """
 
-    def __init__(self, settings: RenderingSettings) -> None:
-        self.hand = Hand(settings)
-        self.speed_m_s = self.at_once_j = self.late_j = self.lowest_j = 0.0
-        self._forces_n = (0.0, 0.0)
+    def __init__(self, settings: RenderingSettings, stated_ticks: int = 0) -> None:
+        self.hand = Hand(settings, stated_ticks * DT_S)
+        self.speed_m_s = self.lowest_j = 0.0
+        self._forces_n = [0.0] * (stated_ticks + 2)
+        self.put_in_j = [0.0] * (stated_ticks + 3)
 
     def move(self, acceleration_m_s2: float, contact_n: float | None, live: bool = True) -> None:
         self.speed_m_s = max(-0.5, min(0.5, self.speed_m_s + acceleration_m_s2 * DT_S))
-        before_n, newest_n = self._forces_n
-        self.at_once_j += newest_n * self.speed_m_s * DT_S
-        self.late_j += before_n * self.speed_m_s * DT_S
-        self.lowest_j = min(self.lowest_j, self.at_once_j, self.late_j)
-        self._forces_n = newest_n, self.hand.feel(contact_n, live, speed_m_s=self.speed_m_s)
+        moved_m = self.speed_m_s * DT_S
+        taken_j = [force_n * moved_m for force_n in self._forces_n]
+        self.put_in_j = [sum(e) for e in zip(self.put_in_j, [*taken_j, min(taken_j)], strict=True)]
+        self.lowest_j = min(self.lowest_j, *self.put_in_j)
+        self._forces_n = [self.hand.feel(contact_n, live, speed_m_s=self.speed_m_s), *self._forces_n[:-1]]
 
 
 @given(
     all_settings(),
+    st.integers(0, 5),
     st.floats(0.0, 0.01),
     st.integers(1, 300),
     st.lists(
@@ -228,12 +232,13 @@ class Adversary:
 )
 def test_no_target_and_no_motion_up_to_20_m_s2_gives_the_hand_energy(
     settings: RenderingSettings,
+    stated_ticks: int,
     pressing_m_s: float,
     pressing_ticks: int,
     motions: list[tuple[float, float | None, bool, int]],
 ) -> None:
     """A slow press in which the force grows while little is put in, then anything."""
-    adversary = Adversary(settings)
+    adversary = Adversary(settings, stated_ticks)
     adversary.speed_m_s = pressing_m_s
     for _ in range(pressing_ticks):
         adversary.move(0.0, 50.0)
@@ -241,4 +246,4 @@ def test_no_target_and_no_motion_up_to_20_m_s2_gives_the_hand_energy(
         for _ in range(ticks):
             adversary.move(acceleration_m_s2, contact_n, live)
     assert adversary.lowest_j >= -1e-3
-    assert adversary.hand.energy_j == pytest.approx(adversary.at_once_j, abs=1e-9)
+    assert adversary.hand.energy_j == pytest.approx(adversary.put_in_j[stated_ticks], abs=1e-9)

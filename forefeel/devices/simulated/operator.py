@@ -2,6 +2,7 @@
 force; seeded.
 """
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
@@ -12,6 +13,7 @@ from forefeel.common.clock import Clock
 from forefeel.common.messages import Grip, SafetyState
 from forefeel.devices.simulated.settings import OperatorSettings
 from forefeel.master.handle import HandleReading, Indication
+from forefeel.master.passivity import late_ticks
 
 # --- How a person uses the deadman: waits for READY, presses, moves only when ARMED, re-arms after a stop
 
@@ -196,7 +198,8 @@ class Operator(SimulatedHandle):
         self._rng = rng
         self._tremor = Tremor(settings.tremor_m, rng)
         self._arm = Arm(settings.arm_mass_kg, settings.arm_damping_n_s_m, settings.arm_stiffness_n_m)
-        self._force_n = 0.0
+        ticks = late_ticks(settings.actuator_delay_s) + 1
+        self._forces_n = deque([0.0] * ticks, maxlen=ticks)
         self._reach = MinimumJerk(0.0, 0.0, _ALIGN_S)
         self._reach_s = 0.0
         self._dwell_s = 0.0
@@ -205,7 +208,7 @@ class Operator(SimulatedHandle):
 
     def render(self, force_n: float, now_ns: int) -> float:
         del now_ns
-        self._force_n = force_n
+        self._forces_n.append(force_n)
         return force_n
 
     def read(self, now_ns: int) -> HandleReading:
@@ -217,7 +220,7 @@ class Operator(SimulatedHandle):
         reference_m, reference_m_s = self._reach.at(self._reach_s)
         shake_m, shake_m_s = self._tremor.at(now_ns * 1e-9)
         if dt_s > 0.0:
-            self._arm.advance(reference_m + shake_m, reference_m_s + shake_m_s, self._force_n, dt_s)
+            self._arm.advance(reference_m + shake_m, reference_m_s + shake_m_s, self._forces_n[0], dt_s)
         return HandleReading(self._arm.position_m, self._arm.velocity_m_s, self.person.pressed, self._gripper)
 
     def _plan(self, was: Act, dt_s: float) -> None:
