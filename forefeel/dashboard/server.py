@@ -29,6 +29,7 @@ from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.dashboard.admission import guard
 from forefeel.dashboard.chapter import Chapter
+from forefeel.dashboard.connections import Connection, overdue
 from forefeel.dashboard.sources import LiveCell
 from forefeel.dashboard.story import CONVERSATION, RESULTS, Story
 from forefeel.dashboard.vessel import VesselSettings
@@ -43,6 +44,8 @@ _POLL_S = 0.2  # s between two looks for an end
 _NICE = 5
 _LINGER_S = 10.0  # s that a page has for a reload when all is told
 _WAITING = 2048  # each holds on to the 4 KB that it came in; a starved viewer shows the newest, not all
+_QUEUE = 1024  # connections that wait in the kernel: a flood does not push out who comes after it
+_BATCH = 32  # accepted at a time, a quarter of `MOST_CONNECTIONS`: a request is read before it gives way
 _STATIC = Path(__file__).parent / "static"
 # asked for anew with every load; nothing comes from elsewhere or stands inside another page
 _HEADERS = {
@@ -153,6 +156,17 @@ class StopButton:
 class _Server(uvicorn.Server):
     capture_signals = nullcontext  # type: ignore[assignment]
 
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        for each in sockets or ():
+            each.listen(_QUEUE)  # more than asyncio accepts at a time, which takes one number for both
+
+    async def on_tick(self, counter: int) -> bool:
+        connections = [peer for peer in self.server_state.connections if isinstance(peer, Connection)]
+        for peer in overdue(connections, time.monotonic()):
+            peer.transport.abort()
+        return await super().on_tick(counter)
+
 
 class _Files(StaticFiles):
     async def get_response(self, path: str, scope: Scope) -> Response:
@@ -187,7 +201,14 @@ def _serve(
     tell(f"dashboard of {what} at {link.url}; Ctrl-C ends")
     if opens:
         webbrowser.open(link.url)
-    config = uvicorn.Config(app, log_level=logging.ERROR, ws_max_size=65536, timeout_graceful_shutdown=1)
+    config = uvicorn.Config(
+        app,
+        http=Connection,
+        log_level=logging.ERROR,
+        ws_max_size=65536,
+        timeout_graceful_shutdown=1,
+        backlog=_BATCH,
+    )
     try:
         asyncio.run(_until(_Server(config), listening, ends))
     except Exception as error:

@@ -35,13 +35,12 @@ _HEADERS = {
 class Story:
     """Serves the chapter that was told last to up to `MOST_VIEWERS` pages at once. One thread at a time.
 
-    Attributes:
-        open: how many pages are.
+    Beyond these a new page takes the place of the oldest that has asked nothing; without one it is refused.
     """
 
     def __init__(self, live: LiveCell | None, chapter: Chapter) -> None:
         self._live = live
-        self.open = 0
+        self._viewers: dict[WebSocket, bool] = {}  # by age; whether it has asked
         self.tell(chapter)
 
     def tell(self, chapter: Chapter) -> None:
@@ -69,18 +68,27 @@ class Story:
             raise HTTPException(404)
         return FileResponse(path, headers=_HEADERS, content_disposition_type="inline")
 
+    @property
+    def open(self) -> int:
+        """Number of open pages."""
+        return len(self._viewers)
+
     async def converse(self, socket: WebSocket) -> None:
         await socket.accept()
-        if self.open >= MOST_VIEWERS:
-            await socket.close(_FULL, "too many viewers")
-            return
-        self.open += 1
+        if len(self._viewers) >= MOST_VIEWERS:
+            displaced = next((viewer for viewer, asked in self._viewers.items() if not asked), socket)
+            self._viewers.pop(displaced, None)
+            await displaced.close(_FULL, "too many viewers")
+            displaced.state.abort()
+            if displaced is socket:
+                return
+        self._viewers[socket] = False
         try:
             await self._answer(socket)
         except WebSocketDisconnect:
             return
         finally:
-            self.open -= 1
+            self._viewers.pop(socket, None)
 
     async def _answer(self, socket: WebSocket) -> None:
         """A new chapter is answered with its facts."""
@@ -89,6 +97,9 @@ class Story:
         while True:
             await socket.send_text(json.dumps(answer, allow_nan=False, separators=(",", ":")))
             asked = await socket.receive_text()
+            if socket not in self._viewers:  # displaced meanwhile
+                return
+            self._viewers[socket] = True
             try:
                 if len(asked) > _MOST_ASKED_CHARACTERS:
                     raise ValueError("too long")

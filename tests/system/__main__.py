@@ -17,7 +17,7 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tests.system.attacks import wire
+from tests.system.attacks import page_sockets, wire
 from tests.system.faults.cases import faults, stalled
 from tests.system.faults.page import cells, figures, written
 from tests.system.faults.required import BY_SILENCE_S
@@ -35,6 +35,7 @@ def rows(minutes: float) -> Iterator[Row]:
         yield Row(f"fault: {fault.name}", partial(_fault, fault))
     yield Row("fault: an open gate is found out", _open_gate)
     yield from wire.rows()
+    yield from page_sockets.rows()
     yield Row("signals: 60 at random times over every command", random_signals)
     yield Row(f"soak: {minutes:g} minutes among random faults", partial(soak, minutes))
     yield Row("page: a run as a person sees it", page_seen)

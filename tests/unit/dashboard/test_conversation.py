@@ -5,6 +5,7 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
@@ -29,6 +30,8 @@ class Socket:
     def __init__(self, *asks: Act) -> None:
         self.told: list[Any] = []
         self.closed: tuple[int, str] | None = None
+        self.aborted = False
+        self.state = SimpleNamespace(abort=partial(setattr, self, "aborted", True))
         self._asks = list(asks)
 
     async def accept(self) -> None:
@@ -47,6 +50,24 @@ class Socket:
 
     async def send_text(self, text: str) -> None:
         self.told.append(json.loads(text))
+
+
+class Waiting(Socket):
+    """Stays after its questions until `ended`, or until it is ended itself."""
+
+    def __init__(self, ended: asyncio.Event, *asks: Act) -> None:
+        super().__init__(*asks)
+        self._ended, self.settled = ended, asyncio.Event()
+
+    async def close(self, code: int, reason: str = "") -> None:
+        await super().close(code, reason)
+        self.settled.set()
+
+    async def receive_text(self) -> str:
+        if not self._asks:
+            self.settled.set()
+            await self._ended.wait()
+        return await super().receive_text()
 
 
 def conversed(served: Story, *asks: Act) -> Socket:
@@ -107,10 +128,24 @@ def test_what_is_no_question_ends_the_conversation(live: tuple[Story, VirtualClo
     assert len(ended.told) == 1
 
 
-def test_viewers_are_bounded(live: tuple[Story, VirtualClock]) -> None:
-    live[0].open = MOST_VIEWERS
-    full = conversed(live[0], "{}")
-    assert (full.closed, full.told) == ((1013, "too many viewers"), [])
+def test_a_page_beyond_the_viewers_takes_the_place_of_the_oldest_that_asked_nothing(
+    live: tuple[Story, VirtualClock],
+) -> None:
+    async def crowd() -> list[Socket]:
+        ended = asyncio.Event()
+        sockets = [Waiting(ended, *["{}"] * (i not in {1, 2})) for i in range(MOST_VIEWERS + 3)]
+        viewing = []
+        for socket in sockets:
+            viewing.append(asyncio.create_task(live[0].converse(cast(WebSocket, socket))))
+            await socket.settled.wait()
+        assert live[0].open == MOST_VIEWERS
+        ended.set()
+        await asyncio.gather(*viewing)
+        return [*sockets]
+
+    refused = [i for i, socket in enumerate(asyncio.run(crowd())) if socket.closed and socket.aborted]
+    assert refused == [1, 2, MOST_VIEWERS + 2]  # those in between were open pages
+    assert live[0].open == 0
 
 
 def test_each_page_of_a_recording_has_its_own_time(tmp_path: Path) -> None:
