@@ -2,24 +2,33 @@
 
 import csv
 import io
+import warnings
 import zipfile
+import zlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from functools import partial
+from math import prod
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from forefeel.common.errors import RecordingError
-from forefeel.common.recording.recording import Array, opened, room_of
+from forefeel.common.recording.matlab_size import require_matlab_room
+from forefeel.common.recording.recording import Array, opened, require_room, room_of, unpacked
 from forefeel.common.recording.text_table import TextTable
 
 _ROWS_AT_ONCE = 65_536  # of a column that are decoded at once, 512 KiB as float64
 _NANOSECONDS = {
     "timestamp": "timestamp[ns]", "duration": "duration[ns]", "time32": "time64[ns]", "time64": "time64[ns]",
 }  # fmt: skip
+_CELL_BYTES = 8  # of a number in a spreadsheet, and at most of an empty cell
+_PART_WEIGHT = 16  # bytes in memory for a byte of styles or texts (17 to 120 measured with openpyxl 3.1)
 _LEAST_ROWS = 20  # of a sheet that is taken for a recording: other sheets hold what was set
+_MOST_DEFLATED = 1032  # bytes that one byte of zlib may unpack to (zlib's technical details)
+_LISTS = "list", "large_list", "fixed_size_list"
 _MOST_ELEMENTS = 64  # of a list in each row that become columns
 
 
@@ -42,9 +51,10 @@ class ArrayTable:
 
 @contextmanager
 def reading(path: Path, what: str, package: str) -> Iterator[None]:
-    """What a library raises in the body becomes one line; `package` may not be installed."""
+    """What a library raises in the body becomes one line, its warnings none; `package` may be missing."""
     try:
-        yield
+        with warnings.catch_warnings(action="ignore"):
+            yield
     except RecordingError:
         raise
     except ImportError as error:
@@ -53,11 +63,6 @@ def reading(path: Path, what: str, package: str) -> Iterator[None]:
     except Exception as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RecordingError(f"{path}: {reason}, expected {what} that is whole") from error
-
-
-def _require_room(path: Path, size: int, what: str = "") -> None:
-    if size > (room := room_of(path)):
-        raise RecordingError(f"{path}{what}: {size} bytes when unpacked, allowed {room}")
 
 
 def table_of(columns: Any) -> ArrayTable:  # noqa: ANN401 - arrays by name, or a DataFrame of pandas
@@ -70,11 +75,16 @@ def _plain(arrays: Mapping[str, Any]) -> tuple[dict[str, Callable[[], Array]], d
     found, units = dict[str, Callable[[], Array]](), dict[str, str]()
     for name, values in arrays.items():
         if values.dtype.kind == "M":
-            found[name] = _given(values.astype("datetime64[ns]").astype(np.int64) * 1e-9)
+            found[name] = _given(_seconds(values))
             units[name] = "s"
         elif values.dtype.kind in "iufb":
             found[name] = _given(values.astype(np.float64))
     return found, units
+
+
+def _seconds(stamps: Any) -> Array:  # noqa: ANN401 - of any unit
+    seconds: Array = stamps.astype("datetime64[ns]").astype(np.int64) * 1e-9
+    return seconds
 
 
 # --- spreadsheets ---
@@ -101,13 +111,18 @@ def _as_text(path: Path) -> tuple[bytes, list[str]]:
     with reading(path, "a spreadsheet", "openpyxl"), opened(path) as file:
         import openpyxl  # noqa: PLC0415 - an extra
 
-        _require_room(path, sum(part.file_size for part in zipfile.ZipFile(file).infolist()))
+        parts = zipfile.ZipFile(file).infolist()
+        weights = (1 if part.filename.startswith("xl/worksheets/") else _PART_WEIGHT for part in parts)
+        require_room(path, sum(part.file_size * weight for part, weight in zip(parts, weights, strict=True)))
         book = openpyxl.load_workbook(file, read_only=True, data_only=True)
-        first = ""
+        first, size = "", 0
         for sheet in book.worksheets:
+            sheet.reset_dimensions()  # each row would be filled up to the size that the sheet states
             written, numbers = io.StringIO(), 0
             rows = csv.writer(written, delimiter="\t")
             for row in sheet.iter_rows(values_only=True):
+                size += sum(len(cell) if isinstance(cell, str) else _CELL_BYTES for cell in row) + 2
+                require_room(path, size)  # a text that thousands of cells share is in the file once
                 rows.writerow(row)
                 numbers += sum(isinstance(cell, int | float) for cell in row) > 1
             if numbers >= _LEAST_ROWS:
@@ -127,7 +142,8 @@ def parquet(path: Path) -> ArrayTable:
     Raises:
         RecordingError: unreadable, or no Parquet file.
     """
-    from pyarrow.parquet import ParquetFile  # noqa: PLC0415 - slow to import
+    from pyarrow import types  # noqa: PLC0415 - slow to import
+    from pyarrow.parquet import ParquetFile  # noqa: PLC0415
 
     columns: dict[str, Callable[[], Array]] = {}
     units: dict[str, str] = {}
@@ -135,8 +151,11 @@ def parquet(path: Path) -> ArrayTable:
         whole = ParquetFile(file)
         for field in whole.schema_arrow:
             kind = str(field.type)
-            if "list" in kind:
-                elements = _elements(whole, field.name)
+            if kind.startswith(_LISTS):
+                of = field.type.value_type
+                elements = (
+                    _elements(path, whole, field.name) if types.is_integer(of) or types.is_floating(of) else 0
+                )
                 columns |= {f"{field.name}[{i}]": _reader(path, field.name, i) for i in range(elements)}
             elif not kind.startswith(("struct", "map", "binary")):
                 columns[field.name] = _reader(path, field.name)
@@ -148,10 +167,23 @@ def _reader(path: Path, name: str, element: int | None = None) -> Callable[[], A
     return lambda: _parquet_column(path, name, element)
 
 
-def _elements(whole: Any, name: str) -> int:  # noqa: ANN401 - of pyarrow
+def _elements(path: Path, whole: Any, name: str) -> int:  # noqa: ANN401 - of pyarrow
+    _require_column(path, whole.metadata, name)
     first = next(whole.iter_batches(1, columns=[name]), None)
-    row = None if first is None or not len(first) else first.column(0)[0].as_py()
-    return min(len(row), _MOST_ELEMENTS) if row and isinstance(row[0], int | float) else 0
+    row = None if first is None or not len(first) else first.column(0)[0].values
+    return 0 if row is None else min(len(row), _MOST_ELEMENTS)
+
+
+def _require_column(path: Path, metadata: Any, name: str) -> None:  # noqa: ANN401 - of pyarrow
+    """A zero that is stored once may stand for any number of values."""
+    groups = (metadata.row_group(i) for i in range(metadata.num_row_groups))
+    chunks = (group.column(i) for group in groups for i in range(group.num_columns))
+    sizes = (
+        max(chunk.total_uncompressed_size, 8 * chunk.num_values)
+        for chunk in chunks
+        if f"{chunk.path_in_schema}.".startswith(f"{name}.")
+    )
+    require_room(path, sum(sizes), f", column {name!r}")
 
 
 def _parquet_column(path: Path, name: str, element: int | None) -> Array:
@@ -161,17 +193,16 @@ def _parquet_column(path: Path, name: str, element: int | None) -> Array:
     from pyarrow.parquet import ParquetFile  # noqa: PLC0415
 
     with _arrow_file(path) as file:
-        whole = ParquetFile(file, pre_buffer=False)
-        metadata = whole.metadata
-        groups = (metadata.row_group(i) for i in range(metadata.num_row_groups))
-        chunks = (group.column(i) for group in groups for i in range(group.num_columns))
-        packed = sum(each.total_uncompressed_size for each in chunks if each.path_in_schema.startswith(name))
-        _require_room(path, max(8 * metadata.num_rows, packed), f", column {name!r}")
+        # a text that thousands of rows share is read once
+        whole = ParquetFile(file, pre_buffer=False, read_dictionary=[name])
+        _require_column(path, whole.metadata, name)
         parts = []
         for batch in whole.iter_batches(_ROWS_AT_ONCE, columns=[name], use_threads=False):
             column = batch.column(0)
             if element is not None:
                 column = compute.list_element(column, element)
+            if arrow.types.is_dictionary(column.type):
+                column = column.dictionary.cast("float64", safe=False).take(column.indices)
             kind = column.type
             if temporal := arrow.types.is_temporal(kind):
                 column = column.cast(_NANOSECONDS[str(kind).partition("[")[0]]).cast("int64")
@@ -207,10 +238,15 @@ def matlab(path: Path) -> ArrayTable:
             return hdf5(path)
         with reading(path, "a MATLAB file", "scipy"):
             file.seek(0)
-            sizes = [8 * int(np.prod(shape)) for _, shape, _ in whosmat(file)]
-            _require_room(path, sum(sizes))
+            if 0 in file.read(4):  # of level 4
+                file.seek(0)
+                require_room(path, sum(8 * prod(shape) for _, shape, _ in whosmat(file)))
+            else:
+                file.seek(0)
+                require_matlab_room(path, file)
             file.seek(0)
-            return _table(path, _flat(loadmat(file, simplify_cells=True)))
+            variables = _flat(loadmat(file, simplify_cells=True))
+    return _table(path, variables)
 
 
 def hdf5(path: Path) -> ArrayTable:
@@ -219,18 +255,31 @@ def hdf5(path: Path) -> ArrayTable:
     Raises:
         RecordingError: not installed, unreadable, damaged, or no table in it.
     """
-    found: dict[str, Array] = {}
+    found: dict[str, Any] = {}
     with reading(path, "an HDF5 file", "h5py"), opened(path):
         import h5py  # noqa: PLC0415 - an extra
 
         def take(name: str, item: Any) -> None:  # noqa: ANN401 - of h5py
             if isinstance(item, h5py.Dataset) and item.dtype.kind in "iuf" and not name.startswith("#"):
-                _require_room(path, sum(each.nbytes for each in found.values()) + 8 * item.size)
-                found[name.replace("/", ".")] = item[()]
+                if item.external or item.is_virtual:
+                    raise RecordingError(f"{path}: {name!r} lies in another file, expected it in this one")
+                _require_chunks(path, item)
+                found[name.replace("/", ".")] = item
 
-        with h5py.File(path) as file:
-            file.visititems(take)
+        h5py.File(path).visititems(take)  # stays open as long as the data sets are there
     return _table(path, found)
+
+
+def _require_chunks(path: Path, values: Any) -> None:  # noqa: ANN401 - of h5py
+    """A chunk may be larger than its data set, and unpack to more than its size."""
+    require_room(path, values.dtype.itemsize * prod(values.chunks or (0,)))
+
+    def check(chunk: Any) -> None:  # noqa: ANN401 - of h5py
+        if chunk.size * _MOST_DEFLATED > room_of(path) and not chunk.filter_mask:
+            unpacked(path, zlib.decompressobj, values.id.read_direct_chunk(chunk.chunk_offset)[1])
+
+    if values.compression == "gzip":
+        values.id.chunk_iter(check)
 
 
 def _flat(variables: Mapping[str, Any], head: str = "") -> dict[str, Array]:
@@ -243,22 +292,31 @@ def _flat(variables: Mapping[str, Any], head: str = "") -> dict[str, Array]:
     return found
 
 
-def _table(path: Path, found: Mapping[str, Array], units: Mapping[str, str] | None = None) -> ArrayTable:
-    """Of the arrays those of the usual length, a matrix as its columns."""
-    columns: dict[str, Array] = {}
-    for name, value in found.items():
-        values = np.squeeze(value).astype(np.float64)
-        if values.ndim == 2 and min(values.shape) <= _MOST_ELEMENTS:
-            rows = values if values.shape[0] < values.shape[1] else values.T
-            columns |= {f"{name}[{i}]": np.ascontiguousarray(row) for i, row in enumerate(rows)}
-        elif values.ndim == 1:
-            columns[name] = values
-    lengths = Counter(len(values) for values in columns.values() if len(values) > 1)
+def _table(path: Path, found: Mapping[str, Any], units: Mapping[str, str] | None = None) -> ArrayTable:
+    """Of the arrays or data sets those of the usual length, a matrix as its columns."""
+    columns: dict[str, tuple[int, Callable[[], Array]]] = {}
+    for name, values in found.items():
+        sides = [side for side in values.shape or () if side != 1]
+        if len(sides) == 2 and min(sides) <= _MOST_ELEMENTS:
+            rows = range(min(sides))
+            columns |= {f"{name}[{i}]": (max(sides), partial(_line, path, values, i)) for i in rows}
+        elif len(sides) == 1:
+            columns[name] = sides[0], partial(_line, path, values)
+    lengths = Counter(length for length, _ in columns.values() if length > 1)
     if not lengths:
         raise RecordingError(f"{path}: no arrays of numbers, expected time, position and force")
     usual = max(lengths, key=lambda length: (lengths[length], length))
-    kept = {name: values for name, values in columns.items() if len(values) == usual}
-    return ArrayTable({name: _given(values) for name, values in kept.items()}, units or {})
+    kept = {name: read for name, (length, read) in columns.items() if length == usual}
+    return ArrayTable(kept, units or {})
+
+
+def _line(path: Path, values: Any, row: int | None = None) -> Array:  # noqa: ANN401 - an array or a data set
+    require_room(path, 8 * values.size)
+    with reading(path, "a table", ""):
+        values = np.squeeze(values[()])
+    if row is not None:
+        values = np.ascontiguousarray((values if values.shape[0] < values.shape[1] else values.T)[row])
+    return _seconds(values) if values.dtype.kind == "M" else values.astype(np.float64)
 
 
 def _given(values: Array) -> Callable[[], Array]:
@@ -277,9 +335,9 @@ def tdms(path: Path) -> ArrayTable:
     with reading(path, "a TDMS file", "npTDMS"), opened(path) as raw:
         from nptdms import TdmsFile  # noqa: PLC0415 - an extra
 
-        file = TdmsFile.open(raw)
-        channels = [channel for group in file.groups() for channel in group.channels()]
-        _require_room(path, sum(8 * len(channel) for channel in channels))
+        channels = [channel for group in TdmsFile.open(raw).groups() for channel in group.channels()]
+        channels = [channel for channel in channels if channel.dtype.kind in "iufM"]
+        require_room(path, sum(8 * len(channel) for channel in channels))
         lengths = Counter(map(len, channels))
         usual = max(lengths, key=lambda length: (lengths[length], length), default=0)
         channels = [channel for channel in channels if len(channel) == usual]
@@ -289,10 +347,6 @@ def tdms(path: Path) -> ArrayTable:
         units = dict[str, str]()
         for channel in channels:
             name = channel.name if names[channel.name] == 1 else f"{channel.group_name}/{channel.name}"
-            values = np.asarray(channel[:])
-            units[name] = str(channel.properties.get("unit_string", ""))
-            if values.dtype.kind == "M":
-                values, units[name] = values.astype("datetime64[ns]").astype(np.int64) * 1e-9, "s"
-            if values.dtype.kind in "iuf":
-                found[name] = values
+            units[name] = "s" if channel.dtype.kind == "M" else str(channel.properties.get("unit_string", ""))
+            found[name] = np.asarray(channel[:])
     return _table(path, found, units)

@@ -5,7 +5,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,19 @@ def room_of(path: Path) -> int:
     noise is a byte of each eight of a number, and the JSON of a message shrinks some tenfold.
     """
     return _LEAST_ROOM_BYTES + _MOST_EXPANSION * path.stat().st_size
+
+
+def require_room(path: Path, size: int, what: str = "") -> None:
+    """Raises RecordingError where `size` bytes are more than `room_of` allows, before they are taken."""
+    if size > (room := room_of(path)):
+        raise RecordingError(f"{path}{what}: {size} bytes when unpacked, allowed {room}")
+
+
+def unpacked(path: Path, decompressor: Callable[[], Any], packed: bytes) -> bytes:
+    """Bytes without the compression of zlib, bz2 or lz4; raises RecordingError as `require_room` does."""
+    data: bytes = decompressor().decompress(packed, room_of(path) + 1)
+    require_room(path, len(data))
+    return data
 
 
 @dataclass(frozen=True, slots=True, eq=False)

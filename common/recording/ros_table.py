@@ -1,17 +1,28 @@
 """ROS: bags, and MCAP files of other programs with messages in CDR."""
 
+import bz2
+from array import array
 from collections.abc import Iterator, Sequence
+from functools import partial
+from math import inf
 from pathlib import Path
 from typing import Any
 
+import lz4.frame
 import numpy as np
+from mcap.reader import NonSeekingReader
 
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.array_tables import reading
-from forefeel.common.recording.recording import Array, opened, room_of
+from forefeel.common.recording.recording import Array, opened, require_room, room_of, unpacked
 
 _UNITS = {"force": "N", "torque": "Nm", "position": "m"}
 """REP 103: SI units everywhere. A joint's position may be rad."""
+Size = tuple[int, int, float]
+"""Of a field: its least bytes in a file, those in memory then, and the most for each further one."""
+_BASE, _NAME, _ARRAY = 1, 2, 3  # Nodetype of rosbags
+_OBJECT_BYTES = 200  # of a number, a text or a message in Python with what holds it
+_CODE_BYTES = 4096  # of the code that reads an element of an array of fixed length (measured)
 _MOST_ELEMENTS = 32  # of an array in a message that become columns
 
 
@@ -30,24 +41,26 @@ class RosTable:
         """
         self._path = path
         self._stamps_s: dict[str, list[float]] = {}
-        rows: dict[str, list[dict[str, float]]] = {}
+        read: dict[str, dict[str, array[float]]] = {}
         room = room_of(path)
         for topic, log_ns, message, size in _messages(path):
-            if (room := room - size) < 0:
-                raise RecordingError(f"{path}: unpacks to more than {room_of(path)} bytes")
             values = dict(_numbers(message, ""))
+            if (room := room - max(size, 8 * len(values))) < 0:
+                raise RecordingError(f"{path}: unpacks to more than {room_of(path)} bytes")
             header = values.pop(".header.stamp.sec", None), values.pop(".header.stamp.nanosec", 0.0)
             stamp_s = log_ns * 1e-9 if header[0] is None else header[0] + header[1] * 1e-9
             self._stamps_s.setdefault(topic, []).append(stamp_s)
-            rows.setdefault(topic, []).append(values)
+            if topic not in read:
+                read[topic] = {field: array("d") for field in values}
+            for field, column in read[topic].items():
+                column.append(values.get(field, np.nan))
         self._columns: dict[str, tuple[str, Array]] = {}
         self.units: dict[str, str] = {"time": "s"}
-        for topic, found in rows.items():
-            for field in found[0]:
-                column = np.array([row.get(field, np.nan) for row in found])
-                if np.ptp(column) > 0.0:  # what stays as it is tells nothing
+        for topic, columns in read.items():
+            for field, column in columns.items():
+                if np.ptp(numbers := np.array(column)) > 0.0:  # what stays as it is tells nothing
                     name = topic + field
-                    self._columns[name] = topic, column
+                    self._columns[name] = topic, numbers
                     self.units[name] = next((u for word, u in _UNITS.items() if f".{word}" in field), "")
         if not self._columns:
             raise RecordingError(f"{path}: no message with numbers that change, expected force and position")
@@ -89,19 +102,55 @@ def _messages(path: Path) -> Iterator[tuple[str, int, Any, int]]:
         from rosbags.highlevel import AnyReader  # noqa: PLC0415 - an extra
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415
 
-        if path.suffix == ".mcap":
-            from mcap.reader import make_reader  # noqa: PLC0415
-
-            store = get_typestore(Stores.ROS2_HUMBLE)
-            for schema, channel, record in make_reader(file).iter_messages():
+        if path.suffix.lower() == ".mcap":
+            store, sizes = get_typestore(Stores.ROS2_HUMBLE), dict[str, Size]()
+            # in the order of the file, whose chunks `Run` has measured
+            for schema, channel, record in NonSeekingReader(file).iter_messages(log_time_order=False):
                 if schema is None or channel.message_encoding != "cdr":
                     continue
                 if schema.name not in store.types and schema.encoding == "ros2msg":
                     store.register(get_types_from_msg(schema.data.decode(), schema.name))
+                _require_message(path, schema.name, len(record.data), store.fielddefs, sizes)
                 message = store.deserialize_cdr(record.data, schema.name)
                 yield channel.topic, record.log_time, message, len(record.data)
             return
         with AnyReader([path]) as reader:
+            sizes = {}
+            _bound_chunks(path, reader.readers[0])
             for connection, log_ns, data in reader.messages():
+                _require_message(path, connection.msgtype, len(data), reader.typestore.fielddefs, sizes)
                 message = reader.deserialize(data, connection.msgtype)
                 yield connection.topic, log_ns, message, len(data)
+
+
+def _bound_chunks(path: Path, reader: Any) -> None:  # noqa: ANN401 - of rosbags
+    """The library would unpack a chunk without a limit."""
+    new = {bz2.decompress: bz2.BZ2Decompressor, lz4.frame.decompress: lz4.frame.LZ4FrameDecompressor}
+    for at, chunk in reader.chunks.items():
+        if decompressor := new.get(chunk.decompressor):
+            reader.chunks[at] = chunk._replace(decompressor=partial(unpacked, path, decompressor))
+
+
+def _require_message(path: Path, kind: str, packed: int, definitions: Any, sizes: dict[str, Size]) -> None:  # noqa: ANN401 - of rosbags
+    _, memory, expansion = _size((_NAME, kind), definitions, sizes)
+    require_room(path, memory + int(min(expansion, 1e9) * packed), f", message {kind}")
+
+
+def _size(field: Any, definitions: Any, sizes: dict[str, Size]) -> Size:  # noqa: ANN401 - of rosbags
+    node, of = field
+    if node == _BASE:
+        return 4 if of[0] == "string" else 1, _OBJECT_BYTES, 4.0  # a character takes up to 4
+    if node == _NAME:
+        if of not in sizes:
+            sizes[of] = 0, 0, inf  # of a kind that holds itself
+            parts = [_size(part, definitions, sizes) for _, part in definitions[of][1]]
+            packed, memory = sum(part[0] for part in parts), _OBJECT_BYTES + sum(part[1] for part in parts)
+            sizes[of] = packed, memory, max((part[2] for part in parts), default=1.0)
+        return sizes[of]
+    element, count = of
+    if element[0] == _BASE and element[1][0] != "string":
+        return 0, _OBJECT_BYTES, 1.0  # an array of numpy, whose bytes are in the file
+    packed, memory, expansion = _size(element, definitions, sizes)
+    if node == _ARRAY:  # is read by code that has lines for each element
+        return count * packed, count * (memory + _CODE_BYTES), expansion
+    return 4, _OBJECT_BYTES, max(expansion, memory / packed if packed else inf)

@@ -13,7 +13,7 @@ from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from forefeel.terminal import say
 
-MOST_CONNECTIONS = 128  # of the 1024 files that most hosts allow a process; 16 browsers open at most 96
+MOST_CONNECTIONS = 512  # of the 1024 files that most hosts allow a process; 16 browsers open at most 96
 HEAD_S = 10.0  # s that a request may take to arrive
 _NOTICE_S = 60.0  # s between two lines about connections that gave way
 

@@ -1,7 +1,6 @@
 """The process that serves the page, until Ctrl-C or until the command that started it has told all."""
 
 import asyncio
-import logging
 import os
 import socket
 import time
@@ -44,8 +43,9 @@ _POLL_S = 0.2  # s between two looks for an end
 _NICE = 5
 _LINGER_S = 10.0  # s that a page has for a reload when all is told
 _WAITING = 2048  # each holds on to the 4 KB that it came in; a starved viewer shows the newest, not all
-_QUEUE = 1024  # connections that wait in the kernel: a flood does not push out who comes after it
-_BATCH = 32  # accepted at a time, a quarter of `MOST_CONNECTIONS`: a request is read before it gives way
+_BACKLOG = (
+    128  # connections accepted at a time: a quarter of `MOST_CONNECTIONS`, so that a request is read first
+)
 _STATIC = Path(__file__).parent / "static"
 # asked for anew with every load; nothing comes from elsewhere or stands inside another page
 _HEADERS = {
@@ -156,11 +156,6 @@ class StopButton:
 class _Server(uvicorn.Server):
     capture_signals = nullcontext  # type: ignore[assignment]
 
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        await super().startup(sockets)
-        for each in sockets or ():
-            each.listen(_QUEUE)  # more than asyncio accepts at a time, which takes one number for both
-
     async def on_tick(self, counter: int) -> bool:
         connections = [peer for peer in self.server_state.connections if isinstance(peer, Connection)]
         for peer in overdue(connections, time.monotonic()):
@@ -204,10 +199,10 @@ def _serve(
     config = uvicorn.Config(
         app,
         http=Connection,
-        log_level=logging.ERROR,
+        log_level="error",
         ws_max_size=65536,
         timeout_graceful_shutdown=1,
-        backlog=_BATCH,
+        backlog=_BACKLOG,
     )
     try:
         asyncio.run(_until(_Server(config), listening, ends))

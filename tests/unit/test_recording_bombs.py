@@ -13,6 +13,8 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk
 from mcap.writer import MCAP0_MAGIC
 
+from tests.unit.recording_bombs import BOMBS
+
 ROOT = Path(__file__).parents[2]
 _UNPACKED = 256 * 2**20
 _MOST_USED = 128 * 2**20
@@ -20,7 +22,8 @@ _MOST_USED = 128 * 2**20
 _READ = """
 import resource, sys
 from pathlib import Path
-import numpy, pyarrow.parquet, lz4.frame
+import h5py, numpy, openpyxl, pyarrow.parquet, lz4.frame, rosbags.highlevel, scipy.io
+resource.setrlimit(resource.RLIMIT_AS, (6 * 2**30, 6 * 2**30))  # the machine survives one that is not refused
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.mcap_spans import RunSpans
 from forefeel.common.recording.loading import load_recording
@@ -79,6 +82,15 @@ def test_a_run_of_chunks_that_unpack_to_more_than_they_may(tmp_path: Path) -> No
         assert path.stat().st_size < 2 * 2**20
         assert said.startswith(f"{path}: damaged at byte "), said
         assert ("allowed" if "honest" in path.name else "by its head") in said
+
+
+def test_files_that_libraries_expand(tmp_path: Path) -> None:
+    for name, (write, _) in BOMBS.items():
+        write(tmp_path / name)
+    lines = refused([("table", tmp_path / name) for name in BOMBS])
+    for (name, (_, expected)), line in zip(BOMBS.items(), lines, strict=True):
+        assert line.startswith(str(tmp_path / name)), line
+        assert expected in line
 
 
 def test_a_table_that_unpacks_to_more_than_it_may(tmp_path: Path) -> None:
