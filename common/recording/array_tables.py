@@ -17,7 +17,7 @@ import numpy as np
 
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.matlab_size import require_matlab_room
-from forefeel.common.recording.recording import Array, opened, require_room, room_of, unpacked
+from forefeel.common.recording.recording import Array, opened, reason_of, require_room, room_of, unpacked
 from forefeel.common.recording.text_table import TextTable
 
 _ROWS_AT_ONCE = 65_536  # of a column that are decoded at once, 512 KiB as float64
@@ -61,8 +61,7 @@ def reading(path: Path, what: str, package: str) -> Iterator[None]:
         needs = f"needs {package}: pip install 'forefeel[formats]'"
         raise RecordingError(f"{path}: reading {path.suffix} {needs}") from error
     except Exception as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise RecordingError(f"{path}: {reason}, expected {what} that is whole") from error
+        raise RecordingError(f"{path}: {reason_of(error)}, expected {what} that is whole") from error
 
 
 def table_of(columns: Any) -> ArrayTable:  # noqa: ANN401 - arrays by name, or a DataFrame of pandas
@@ -147,7 +146,7 @@ def parquet(path: Path) -> ArrayTable:
 
     columns: dict[str, Callable[[], Array]] = {}
     units: dict[str, str] = {}
-    with _arrow_file(path) as file:
+    with reading(path, "a Parquet file", "pyarrow"), opened(path) as file:
         whole = ParquetFile(file)
         for field in whole.schema_arrow:
             kind = str(field.type)
@@ -192,7 +191,7 @@ def _parquet_column(path: Path, name: str, element: int | None) -> Array:
     from pyarrow import compute  # noqa: PLC0415
     from pyarrow.parquet import ParquetFile  # noqa: PLC0415
 
-    with _arrow_file(path) as file:
+    with reading(path, "a Parquet file", "pyarrow"), opened(path) as file:
         # a text that thousands of rows share is read once
         whole = ParquetFile(file, pre_buffer=False, read_dictionary=[name])
         _require_column(path, whole.metadata, name)
@@ -209,17 +208,6 @@ def _parquet_column(path: Path, name: str, element: int | None) -> Array:
             values = column.cast("float64", safe=False).to_numpy(zero_copy_only=False)
             parts.append(values * 1e-9 if temporal else values)
     return np.concatenate(parts or [np.empty(0)])
-
-
-@contextmanager
-def _arrow_file(path: Path) -> Iterator[BinaryIO]:
-    import pyarrow as arrow  # noqa: PLC0415 - slow to import
-
-    with opened(path) as file:
-        try:
-            yield file
-        except (arrow.ArrowException, OSError, ValueError) as error:
-            raise RecordingError(f"{path}: {str(error).splitlines()[0]}, expected a Parquet file") from error
 
 
 # --- MATLAB and HDF5 ---

@@ -14,7 +14,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
 from forefeel.common.errors import RecordingError
-from forefeel.common.recording.recording import room_of
+from forefeel.common.recording.recording import reason_of, room_of
 
 DAMAGE = (struct.error, ValueError, OverflowError, MemoryError, RuntimeError, McapError, zstandard.ZstdError)
 """What the library and its decompressors raise for bytes that are no record."""
@@ -75,8 +75,7 @@ class RecordReader:
 
 def damaged(path: Path, at: int, error: BaseException) -> RecordingError:
     """The error for one of `DAMAGE` in the record at that byte."""
-    reason = str(error) or type(error).__name__
-    return RecordingError(f"{path}: damaged at byte {at} ({reason}), expected a record")
+    return RecordingError(f"{path}: damaged at byte {at} ({reason_of(error)}), expected a record")
 
 
 def unpacked(chunk: Chunk, room: int) -> list[McapRecord]:

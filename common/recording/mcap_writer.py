@@ -158,7 +158,8 @@ class RunWriter:
         RunError: a later write fails, e.g. because the disk is full.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, mode: int = 0o666) -> None:
+        """`mode`: of the new file, less what the user's umask takes."""
         self.malformed = 0
         """Payloads that were no message of their topic, and so were not written."""
         self.written = 0
@@ -166,7 +167,9 @@ class RunWriter:
         self._path = path
         self._topics: dict[str, _Topic] = {}
         try:
-            self._file = path.open("xb")  # a measurement is never overwritten
+            # O_EXCL: a measurement is never overwritten
+            descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, mode)
+            self._file = os.fdopen(descriptor, "wb")
         except OSError as error:
             raise RecordingError(
                 f"{path}: {error.strerror}, expected a new file in an existing folder"

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from forefeel.common.errors import RecordingError
 from forefeel.common.estimation.state_filter import GAP_S
+from forefeel.common.events.console import printable
 from forefeel.common.recording.units import Quantity
 
 Array = NDArray[np.float64]
@@ -19,6 +20,7 @@ Array = NDArray[np.float64]
 _ROUNDING_S = 1e-6  # s, rounding of stamps: a 10 Hz recording is no row of gaps of 0.1 s
 
 _LEAST_ROOM_BYTES = 16 * 2**20  # bytes that any compressed file may unpack to, see `room_of`
+_MOST_CHARACTERS = 200  # of a library's text in an error
 _MOST_EXPANSION = 100  # unpacked bytes for each byte of a compressed file, see `room_of`
 
 
@@ -143,6 +145,12 @@ def opened(path: Path) -> Iterator[BinaryIO]:
             yield file
     except OSError as error:
         raise RecordingError(f"{path}: {error.strerror or error}, expected a readable file") from error
+
+
+def reason_of(error: BaseException) -> str:
+    """The first line of a library's text, printable and short: it may hold bytes of the file."""
+    lines = str(error).splitlines() or [type(error).__name__]
+    return printable(lines[0][:_MOST_CHARACTERS])
 
 
 def _frozen(values: ArrayLike) -> Array:

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from forefeel.common.errors import RecordingError
-from forefeel.common.recording.recording import Array, opened
+from forefeel.common.recording.recording import Array, opened, reason_of
 
 _HEAD_BYTES = 65_536  # in which delimiter, header and units are looked for
 _MOST_HEAD_ROWS = 200  # that tell how the others are written
@@ -114,9 +114,9 @@ class TextTable:
                     for batch in arrow_csv.open_csv(source, reading, parsing, converting)
                 ]
         except arrow.ArrowInvalid as error:
-            raise RecordingError(self._refusal(str(error))) from None
+            raise RecordingError(self._refusal(error)) from None
         except UnicodeError as error:
-            raise RecordingError(f"{self._path}: {error}, expected text") from error
+            raise RecordingError(f"{self._path}: {reason_of(error)}, expected text") from error
         columns = [np.concatenate(parts) for parts in zip(*batches, strict=True)]
         self._note(odd, len(columns[0]) if columns else 0)
         return columns or [np.empty(0) for _ in names]
@@ -133,10 +133,10 @@ class TextTable:
             raise RecordingError(f"{self._path}: line {row.number}: {cells}")
         self.notes.append("the last line, which is cut off")
 
-    def _refusal(self, text: str) -> str:
-        found = re.search(r"column #(\d+):(?: Row #(\d+):)?.*?invalid value '(.*)'", text, re.DOTALL)
+    def _refusal(self, error: Exception) -> str:
+        found = re.search(r"column #(\d+):(?: Row #(\d+):)?.*?invalid value '(.*)'", str(error), re.DOTALL)
         if found is None:
-            return f"{self._path}: {text.splitlines()[0]}, expected a table"
+            return f"{self._path}: {reason_of(error)}, expected a table"
         column, line, value = found.groups()
         place = f"line {line}, " if line else ""
         return f"{self._path}: {place}column {self.names[int(column)]!r}: {value[:40]!r}, expected a number"

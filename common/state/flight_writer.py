@@ -104,7 +104,7 @@ class FlightWriter:
     def _write(
         self, part: Path, request: _Request, rings: list[tuple[FlightRing, list[Row]]]
     ) -> dict[str, Detail]:
-        with RunWriter(part) as writer:
+        with RunWriter(part, mode=0o600) as writer:
             asked = {name: str(value) for name, value in request._asdict().items()}
             writer.add_metadata("flight", {**self.facts, **asked})
             for ring, rows in rings:

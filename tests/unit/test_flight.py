@@ -120,6 +120,7 @@ def test_a_record_has_the_two_seconds_before_and_what_came_after(recorder: Recor
     recorder.clock.set_ns(recorder.now_ns + S // 2)
     recorder.writer.write(closing=False)
     (path,) = recorder.files()
+    assert path.stat().st_mode & 0o777 == 0o600
     run = Run(path)
     assert not run.truncated
     stamps = run.column("insertion", topics.CONTROL_CYCLE, "stamp_ns")

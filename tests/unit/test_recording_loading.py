@@ -1,8 +1,12 @@
 """Recordings as people have them: taken for what they are, or refused with what to add."""
 
+from collections.abc import Callable
 from pathlib import Path
 
+import h5py
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -206,4 +210,38 @@ def test_any_file_is_a_recording_or_one_line(tmp_path: Path, content: str | byte
         assert len(load_recording(path)) >= 2
     except RecordingError as error:
         assert str(error).startswith(str(path))
-        assert "\n" not in str(error)
+        assert str(error).isprintable()
+
+
+def test_bytes_of_a_file_in_a_library_s_text_are_printable_and_few(tmp_path: Path) -> None:
+    texts = ["0", "\x1b[31m" + 10**6 * "x"]
+    pq.write_table(pa.table({"time_s": texts, "position_m": texts}), tmp_path / "raw.parquet")
+    with pytest.raises(RecordingError) as caught:
+        load_recording(tmp_path / "raw.parquet")
+    assert str(caught.value).isprintable()
+    assert len(str(caught.value)) < 1000
+
+
+def raw_storage(file: h5py.File, name: str, other: Path) -> None:
+    file.create_dataset(name, (len(T_S),), "f8", external=[(str(other), 0, 8 * len(T_S))])
+
+
+def virtual(file: h5py.File, name: str, other: Path) -> None:
+    layout = h5py.VirtualLayout(T_S.shape, "f8")
+    layout[:] = h5py.VirtualSource(str(other), name, T_S.shape)
+    file.create_virtual_dataset(name, layout)
+
+
+def link(file: h5py.File, name: str, other: Path) -> None:
+    file[name] = h5py.ExternalLink(str(other), name)
+
+
+@pytest.mark.parametrize("kind", [raw_storage, virtual, link])
+def test_hdf5_reads_no_other_file(tmp_path: Path, kind: Callable[[h5py.File, str, Path], None]) -> None:
+    other, path = tmp_path / "other.h5", tmp_path / "run.h5"
+    with h5py.File(other, "w") as foreign, h5py.File(path, "w") as file:
+        for name in ("time_s", "position_m"):
+            foreign[name] = T_S
+            kind(file, name, other)
+    with pytest.raises(RecordingError):
+        load_recording(path)
