@@ -16,6 +16,7 @@ from forefeel.common.settings import (
     require_distinct,
 )
 from forefeel.common.topics import FORCE
+from forefeel.common.transport.exposure import on_loopback
 from forefeel.master.handle import HandleDriverSettings
 
 HandleSection = Annotated[SerializeAsAny[HandleDriverSettings], driver_settings("handle")]
@@ -96,4 +97,16 @@ class MasterSettings(DaemonSettings):
         wanted = [axis.prediction for axis in self.axes if axis.prediction.prior_dir is not None]
         if len({(each.prior_dir, each.instrument, each.patient) for each in wanted}) < len(wanted):
             raise ValueError("axes: two keep one prior; expected another instrument for each")
+        return self
+
+    @model_validator(mode="after")
+    def _hand_is_written_out(self) -> Self:
+        """The stage of a slave on another host may be real: a synthetic operator is no default for it."""
+        local = all(map(on_loopback, (*self.transport.listen, *self.transport.connect)))
+        for axis in self.axes if not local else ():
+            if "handle" not in axis.model_fields_set:
+                raise ValueError(
+                    f"axes: axis {axis.name} has no handle, required with a slave on another host; "
+                    "add the line handle: {driver: operator} # or another of `forefeel devices`"
+                )
         return self

@@ -5,7 +5,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, SerializeAsAny, model_validator
 
 from forefeel.common.config import Settings
-from forefeel.common.hardware.driver import driver_settings
+from forefeel.common.hardware.driver import DriverSettings, driver_settings
 from forefeel.common.settings import (
     LONGEST_ROUND_TRIP_S,
     AxisLimits,
@@ -56,6 +56,18 @@ class SlaveAxisSettings(Settings):
         """Of the load cell; of the simulated one also where its world says so."""
         simulated = self.load_cell.driver == "simulated" and self.simulation.load_cell.pushes_only
         return self.load_cell.pushes_only or simulated
+
+    @model_validator(mode="after")
+    def _written_out_beside_a_real_stage(self) -> Self:
+        for slot in ("load_cell", "gripper", "stage") if self.stage.hardware else ():
+            section: DriverSettings = getattr(self, slot)
+            lines = {f"{slot}.{key}": line for key, line in section.required.items() if section.hardware}
+            lines = {k: v for k, v in lines.items() if k.partition(".")[2] not in section.model_fields_set}
+            if slot not in self.model_fields_set:
+                lines = {slot: f"{slot}: {{driver: simulated}} # or another of `forefeel devices`"}
+            for key, line in lines.items():
+                raise ValueError(f"{key}: missing, required with a real stage; add the line {line}")
+        return self
 
     @model_validator(mode="after")
     def _watchdog_is_on(self) -> Self:

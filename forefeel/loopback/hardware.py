@@ -47,13 +47,16 @@ def on_bench(plan: Plan, hardware: str, ports: Path, out: Path, seed: int) -> tu
     """The plan with emulated devices, whose ports lie in the folder `ports`; `out` gets the settings."""
     if hardware == SIMULATED:
         return plan, {}
-    limits = plan.slave_settings().axes[0].limits
+    axis = plan.slave_settings().axes[0]
+    limits = axis.limits
     common = ("--seed", str(seed))
     words = "--config", str(out / "slave.yaml"), "--feel", str(ports / "feel"), *common
     if hardware == SERIAL:
         devices, emulators = _serial(limits, ports, words)
     else:
         devices, emulators = _can(limits, ports, words, common)
+    devices["load_cell"]["pushes_only"] = axis.pushes_only
+    devices["gripper"] = {"driver": "simulated"}
     handle = {
         "driver": "coil_serial", "port": str(ports / "handle"), "counts_per_m": 1e6, "newton_per_ampere": 2.0,
         "max_current_a": 3.0, "watchdog_s": 0.1,

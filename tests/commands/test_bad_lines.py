@@ -18,7 +18,10 @@ MAGIC, BIAS, CONTACT = (f"{MODEL}  - effect: {name}\n" for name in ("magic", "bi
 AXIS = "role: slave\naxes:\n  - "
 VESSEL = "instrument_radius_mm: 0.9\nlumen_radius_mm: {0: 3.0, 40: -1.0}\n"
 NEAR = "--connect tcp/127.0.0.1:9"
-
+REAL = f"{AXIS}stage: {{driver: zaber_ascii, port: p, microstep_m: 1.0e-7, travel_m: [-0.01, 0.13]}}\n    "
+CELL = "load_cell: {driver: bota_serial, port: q, full_scale_n: 20"
+GRIPPER = "    gripper: {driver: simulated}\n"
+FAR = "role: master\ntransport: {connect: [tls/10.0.0.1:7447]}"
 
 KEEPS = "prediction: {prior_dir: p, instrument: wire, patient: B}"
 START, CHECK, MASTER = "slave --config", "config check", "role: master\naxes: "
@@ -33,6 +36,10 @@ SETTINGS: list[tuple[str, str, tuple[str, ...], str]] = [
     (CHECK, "", ("f.yaml:2", "patient"), f"{MASTER}[{{prediction: {{prior_dir: p, instrument: wire}}}}]"),
     (CHECK, "", ("f.yaml:2", "'a/b'"), f"{MASTER}[{{prediction: {{patient: a/b}}}}]"),
     (CHECK, "", ("two keep one prior",), f"{MASTER}[{{name: a, {KEEPS}}}, {{name: b, {KEEPS}}}]"),
+    (CHECK, "", ("f.yaml:3: axes[0]", "load_cell: missing", "add the line load_cell: {"), f"{REAL}name: a"),
+    (CHECK, "", ("gripper: missing", "add the line gripper: {"), f"{REAL}{CELL}, pushes_only: true}}"),
+    (CHECK, "", ("f.yaml:4", "add the line pushes_only: true"), f"{REAL}{CELL}}}\n{GRIPPER}"),
+    (CHECK, "", ("axis insertion has no handle", "add the line handle: {"), FAR),
     ("master --config", "", ("no.csv",), f"{MASTER}[{{handle: {{driver: recording, recording: no.csv}}}}]"),
 ]
 """(command, options, words of the complaint, the file)"""

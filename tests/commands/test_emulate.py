@@ -17,6 +17,8 @@ SLAVE = {
             "stage": {
                 "driver": "zaber_ascii", "port": "PORT", "microstep_m": 1e-7, "travel_m": [-0.001, 0.101],
             },
+            "load_cell": {"driver": "simulated"},
+            "gripper": {"driver": "simulated"},
         }
     ],
 }  # fmt: skip

@@ -35,7 +35,8 @@ SLAVE = """role: slave
 axes:
 - stage: {driver: zaber_ascii, port: /dev/stage, microstep_m: 1e-6, travel_m: [0, 0.09], sign: SIGN}
   load_cell: {driver: ascii_line, port: /dev/cell, unit: counts, full_scale_n: 10, sign: SIGN,
-    full_scale_native: 500_000}
+    full_scale_native: 500_000, pushes_only: true}
+  gripper: {driver: simulated}
   limits: {workspace_m: [0, 0.08]}
 """
 CELL = ["calibrate", "load-cell", "--config", "slave.yaml", "--axis", "insertion", "--out", "cell.yaml"]
@@ -339,7 +340,8 @@ def on_bench(slot: Slot, name: str, time: SteppedTime, leave: ExitStack, **chang
     """The emulated device, and the slave's file that names it with some settings changed."""
     bench = EmulatedBench(installed_driver(slot, name), Path.cwd(), time, leave)
     section = {**bench.settings.model_dump(mode="json", exclude_none=True), **changed}
-    axis = {slot: section, "limits": {"workspace_m": [0.001, 0.009], "max_force_n": 3.0}}
+    rest = {each: {"driver": "simulated"} for each in ("load_cell", "gripper")}
+    axis = {**rest, slot: section, "limits": {"workspace_m": [0.001, 0.009], "max_force_n": 3.0}}
     Path("slave.yaml").write_text(yaml.safe_dump({"role": "slave", "axes": [axis]}))
     return bench
 

@@ -30,7 +30,8 @@ Run = Callable[[Sequence[str]], int]
 SLAVE = """role: slave
 axes:
 - stage: {driver: zaber_ascii, port: /dev/stage, microstep_m: 1e-6, travel_m: [-0.01, 0.2]}
-  load_cell: {driver: ascii_line, port: /dev/cell, full_scale_n: 10, rate_hz: 80}
+  load_cell: {driver: ascii_line, port: /dev/cell, full_scale_n: 10, rate_hz: 80, pushes_only: true}
+  gripper: {driver: simulated}
 """
 MASTER = """role: master
 axes:

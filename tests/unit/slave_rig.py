@@ -23,6 +23,7 @@ from forefeel.common.settings import settings_hash, shared_text
 from forefeel.common.topics import Qos
 from forefeel.common.transport.memory import MemoryBus
 from forefeel.common.transport.port import Put
+from forefeel.devices.simulated.settings import SimulatedGripperSettings, SimulatedLoadCellSettings
 from forefeel.devices.zaber.settings import ZaberSettings
 from forefeel.slave.axis import SlaveAxis
 from forefeel.slave.devices import Devices
@@ -34,7 +35,12 @@ MS = 1_000_000
 START_M = 0.02
 SESSION = 41
 _STAGE = ZaberSettings(driver="zaber_ascii", port="none", microstep_m=1e-7, travel_m=(-1.0, 1.0), lag_s=0.02)
-SETTINGS = SlaveAxisSettings(gate=GateSettings(engage_ramp_s=0.02), stage=_STAGE)
+SETTINGS = SlaveAxisSettings(
+    gate=GateSettings(engage_ramp_s=0.02),
+    stage=_STAGE,
+    load_cell=SimulatedLoadCellSettings(),
+    gripper=SimulatedGripperSettings(),
+)
 SHARED = shared_text("cell", "insertion", SETTINGS.limits)
 
 

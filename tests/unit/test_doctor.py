@@ -110,7 +110,7 @@ def disk(writable: bool, mode: int | None, free_bytes: float) -> Iterator[Findin
 
 
 NO_ANSWER = Reached("", obstacle=Obstacle("no answer from a:1", "check the cable"))
-STAGE = {"stage": ZABER}
+STAGE = {"stage": ZABER, "load_cell": {"driver": "simulated"}, "gripper": {"driver": "simulated"}}
 TABLE: list[tuple[str, Level, Callable[[], Iterator[Finding]]]] = [
     ("reached", "green", network),
     ("not tried", "amber", lambda: network(reached=Reached(""))),
