@@ -4,13 +4,16 @@ that both must share.
 
 import hashlib
 import json
+from math import inf
+from operator import attrgetter
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, ValidationInfo, model_validator
 
 from forefeel.common.config import Settings, beside_the_file
 from forefeel.common.errors import ConfigurationError, RecordingError
+from forefeel.common.hardware.driver import SLOTS, DriverSettings, Slot
 from forefeel.common.messages import MOST_FORCE_N, MOST_VELOCITY_M_S, PROTOCOL_VERSION, Position
 from forefeel.common.recording.units import Mapping
 from forefeel.common.topics import checked_segment
@@ -95,6 +98,50 @@ class AxisLimits(Settings):
     def _ordered(self) -> "AxisLimits":
         if self.workspace_m[0] >= self.workspace_m[1]:
             raise ValueError(f"workspace_m = {list(self.workspace_m)}: expected [low, high] with low < high")
+        return self
+
+
+STOP_S, STOP_M = 0.25, 0.02
+"""A person reacts to a light after 0.25 s: what is slower protects no better than their hand. At 0.08 m/s, a
+brisk insertion, the instrument goes 0.02 m in that time."""
+Bound = tuple[str, float, float, str]
+"""Key of a setting in its axis, the range in which it protects (null there stands for infinity), and why."""
+
+
+class AxisSettings(Settings):
+    """What both ends say of an axis. `unsafe`: keys of its settings, such as `gate.lease_s`, that are meant
+    to be beyond their bounds with a real stage or handle.
+    """
+
+    name: Segment = "insertion"
+    limits: AxisLimits = AxisLimits()
+    unsafe: tuple[str, ...] = ()
+
+    @property
+    def sections(self) -> dict[Slot, DriverSettings]:
+        return {slot: getattr(self, slot) for slot in SLOTS if slot in type(self).model_fields}
+
+    @property
+    def bounds(self) -> tuple[Bound, ...]:
+        """Of every setting that can switch a protection off."""
+        raise NotImplementedError
+
+    @model_validator(mode="after")
+    def _protects(self) -> Self:
+        real = any(self.sections[slot].hardware for slot in ("stage", "handle") if slot in self.sections)
+        beyond = list[str]()
+        for key, low, high, why in self.bounds:
+            value = attrgetter(key)(self)
+            if low <= (inf if value is None else value) <= high * (1.0 + 1e-9):  # 0.02 / 0.2 is less than 0.1
+                continue
+            beyond.append(key)
+            if real and key not in self.unsafe:
+                given, names = "null" if value is None else f"{value:g}", ", ".join((*self.unsafe, key))
+                expected = f"{low:.3g} to {high:.3g} with hardware ({why}), or the line unsafe: [{names}]"
+                raise ValueError(f"{key} = {given}: expected {expected}")
+        if useless := sorted(set(self.unsafe).difference(beyond)):  # it would hide the next mistake
+            names = ", ".join(beyond) or "none"
+            raise ValueError(f"unsafe: {useless[0]!r:.80} is not beyond its bound: expected {names}")
         return self
 
 

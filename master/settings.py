@@ -9,10 +9,11 @@ from forefeel.common.config import Settings, beside_the_file
 from forefeel.common.hardware.driver import driver_settings
 from forefeel.common.prior_file import Key
 from forefeel.common.settings import (
-    AxisLimits,
+    STOP_S,
+    AxisSettings,
+    Bound,
     DaemonSettings,
     ExistingFile,
-    Segment,
     require_distinct,
 )
 from forefeel.common.topics import FORCE
@@ -72,14 +73,30 @@ class RenderingSettings(Settings):
         return self
 
 
-class MasterAxisSettings(Settings):
+_HAND_N = 12.0
+"""The strongest of common desktop handles (omega.3)."""
+_RISE_S = 0.01
+"""From nothing to the largest force: shorter is a knock."""
+_STIFFNESS_N_M = 10_000.0
+"""Of a hand and handle that damp with 5 N s/m, at 1 kHz; see `RenderingSettings`."""
+
+
+class MasterAxisSettings(AxisSettings):
     """One axis of the master. `limits` must equal the slave's."""
 
-    name: Segment = "insertion"
-    limits: AxisLimits = AxisLimits()
     handle: HandleSection = _OPERATOR
     prediction: PredictionSettings = PredictionSettings()
     rendering: RenderingSettings = RenderingSettings()
+
+    @property
+    def bounds(self) -> tuple[Bound, ...]:
+        return (
+            ("rendering.max_force_n", 0.0, _HAND_N, "the strongest of desktop handles"),
+            ("rendering.max_slew_n_s", 0.0, self.rendering.max_force_n / _RISE_S, "a blow"),
+            ("rendering.max_stiffness_n_m", 0.0, _STIFFNESS_N_M, "it buzzes in a light hand"),
+            ("rendering.stale_s", 0.0, STOP_S, "a force of another moment"),
+            ("rendering.fade_s", 0.0, 2 * STOP_S, "a force that is gone"),
+        )
 
 
 class MasterSettings(DaemonSettings):
@@ -101,12 +118,9 @@ class MasterSettings(DaemonSettings):
 
     @model_validator(mode="after")
     def _hand_is_written_out(self) -> Self:
-        """The stage of a slave on another host may be real: a synthetic operator is no default for it."""
-        local = all(map(on_loopback, (*self.transport.listen, *self.transport.connect)))
-        for axis in self.axes if not local else ():
-            if "handle" not in axis.model_fields_set:
-                raise ValueError(
-                    f"axes: axis {axis.name} has no handle, required with a slave on another host; "
-                    "add the line handle: {driver: operator} # or another of `forefeel devices`"
-                )
+        """The stage of another host may be real: a synthetic operator is no default for it."""
+        far = not all(map(on_loopback, (*self.transport.listen, *self.transport.connect)))
+        if far and any("handle" not in axis.model_fields_set for axis in self.axes):
+            line = "handle: {driver: operator} # or another of `forefeel devices`"
+            raise ValueError(f"axes: handle: missing, required outside this host; add the line {line}")
         return self

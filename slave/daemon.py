@@ -11,7 +11,7 @@ from forefeel.common.bus import Bus
 from forefeel.common.clock import Clock
 from forefeel.common.daemon import SECOND_NS, Reports, each, impaired
 from forefeel.common.events.sink import NULL_EVENT_SINK, EventSink
-from forefeel.common.hardware.driver import DriverSettings, Slot, driver_of
+from forefeel.common.hardware.driver import driver_of
 from forefeel.common.runtime.port import Runtime
 from forefeel.common.settings import TICK_NS
 from forefeel.common.slots import BoundedQueue
@@ -190,9 +190,7 @@ class SlaveDaemon:
 def _devices(settings: SlaveAxisSettings, clock: Clock) -> Devices:
     """The drivers that the settings name. All simulated ones of an axis share one world."""
     world = SimulatedWorld(settings.simulation, settings.seed)
-    sections: dict[Slot, DriverSettings] = {
-        "stage": settings.stage, "gripper": settings.gripper, "load_cell": settings.load_cell,
-    }  # fmt: skip
+    sections = settings.sections
     found = {slot: driver_of(slot, section) for slot, section in sections.items()}
     ports = {
         slot: driver.make(sections[slot], world if driver.driver.in_world else clock)

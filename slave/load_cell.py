@@ -1,6 +1,6 @@
 """The load-cell port: what the control loop needs of a force sensor."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Annotated, ClassVar, NamedTuple, Protocol
 
 from pydantic import Field
@@ -27,9 +27,6 @@ class LoadCellDriverSettings(DriverSettings):
     """
 
     slot: ClassVar[Slot] = "load_cell"
-    required: ClassVar[Mapping[str, str]] = {
-        "pushes_only": "pushes_only: true # false where inertia, gravity or friction pull inwards",
-    }
     pushes_only: bool = False
 
     @property

@@ -1,16 +1,20 @@
 """The slave's YAML file: devices, gate and simulated world of each axis."""
 
+from math import inf
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, SerializeAsAny, model_validator
 
 from forefeel.common.config import Settings
-from forefeel.common.hardware.driver import DriverSettings, driver_settings
+from forefeel.common.hardware.driver import driver_settings
 from forefeel.common.settings import (
     LONGEST_ROUND_TRIP_S,
-    AxisLimits,
+    STOP_M,
+    STOP_S,
+    TICK_NS,
+    AxisSettings,
+    Bound,
     DaemonSettings,
-    Segment,
     require_distinct,
 )
 from forefeel.common.topics import COMMAND
@@ -41,9 +45,19 @@ LoadCellSection = Annotated[SerializeAsAny[LoadCellDriverSettings], driver_setti
 _SIMULATED: Any = {"driver": "simulated"}  # read as if it stood in the file
 
 
-class SlaveAxisSettings(Settings):
-    name: Segment = "insertion"
-    limits: AxisLimits = AxisLimits()
+_REQUIRED = {
+    "load_cell": "load_cell: {driver: simulated} # or another of `forefeel devices`",
+    "gripper": "gripper: {driver: simulated} # or another of `forefeel devices`",
+    "load_cell.pushes_only": "pushes_only: true # false where inertia, gravity or friction pull inwards",
+}
+"""What has no default beside a real stage, with a line that would do; keys of a device if it is hardware."""
+_INSTRUMENT_N = 15.0
+"""What the strongest joints of a catheter have to bear (ISO 10555-1, of 1.85 mm and more)."""
+_INDENTATION_M = 0.01
+"""Way from touch to force limit: at 3 N of a wall of 300 N/m, about as soft as the presets' presliding."""
+
+
+class SlaveAxisSettings(AxisSettings):
     gate: GateSettings = GateSettings()
     stage: StageSection = _SIMULATED
     gripper: GripperSection = _SIMULATED
@@ -57,22 +71,36 @@ class SlaveAxisSettings(Settings):
         simulated = self.load_cell.driver == "simulated" and self.simulation.load_cell.pushes_only
         return self.load_cell.pushes_only or simulated
 
-    @model_validator(mode="after")
-    def _written_out_beside_a_real_stage(self) -> Self:
-        for slot in ("load_cell", "gripper", "stage") if self.stage.hardware else ():
-            section: DriverSettings = getattr(self, slot)
-            lines = {f"{slot}.{key}": line for key, line in section.required.items() if section.hardware}
-            lines = {k: v for k, v in lines.items() if k.partition(".")[2] not in section.model_fields_set}
-            if slot not in self.model_fields_set:
-                lines = {slot: f"{slot}: {{driver: simulated}} # or another of `forefeel devices`"}
-            for key, line in lines.items():
-                raise ValueError(f"{key}: missing, required with a real stage; add the line {line}")
-        return self
+    @property
+    def bounds(self) -> tuple[Bound, ...]:
+        v_m_s, a_m_s2 = self.limits.max_velocity_m_s, self.limits.max_acceleration_m_s2
+        stop_m_s2, silence_s = max(v_m_s / STOP_S, v_m_s**2 / (2 * STOP_M)), min(STOP_S, STOP_M / v_m_s)
+        within = f"within {STOP_M * 1e3:g} mm and {STOP_S:g} s at max_velocity_m_s"
+        return (
+            ("gate.stop_deceleration_m_s2", stop_m_s2, inf, f"a stop {within}"),
+            ("gate.watchdog_s", TICK_NS * 1e-9, silence_s, f"silence is noticed {within}"),
+            ("gate.force_timeout_s", 0.0, STOP_S, "a force limit without a force"),
+            ("gate.max_age_s", 0.0, STOP_S, "an older command is of another moment"),
+            ("gate.lease_s", 0.0, LONGEST_ROUND_TRIP_S, "who is silent for longer is gone"),
+            ("gate.alignment_m", 0.0, 0.2 * STOP_M, "5 times as far away is borne on engaging"),
+            ("gate.engage_ramp_s", v_m_s / a_m_s2, inf, "steeper than max_acceleration_m_s2"),
+            ("limits.max_acceleration_m_s2", 0.0, v_m_s / (TICK_NS * 1e-9), "full speed in one tick"),
+            ("limits.max_force_n", 0.0, _INSTRUMENT_N, "what instruments have to bear"),
+            (
+                "limits.stiffest_wall_n_m",
+                self.limits.max_force_n / _INDENTATION_M,
+                inf,
+                "10 mm before the limit",
+            ),
+        )
 
     @model_validator(mode="after")
-    def _watchdog_is_on(self) -> Self:
-        if self.gate.watchdog_s == 0 and self.stage.hardware:
-            raise ValueError("gate.watchdog_s = 0: expected more than 0 with a real stage")
+    def _written_out(self) -> Self:
+        for place, line in _REQUIRED.items() if self.stage.hardware else ():
+            slot, _, key = place.rpartition(".")
+            owner = getattr(self, slot) if slot else self
+            if key not in owner.model_fields_set and getattr(owner, "hardware", True):
+                raise ValueError(f"{place}: missing, required with a real stage; add the line {line}")
         return self
 
     @model_validator(mode="after")

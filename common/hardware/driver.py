@@ -10,7 +10,6 @@ Only the module of the driver that is named is imported: a slave without CAN dev
 libraries.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -32,13 +31,11 @@ class DriverSettings(Settings):
     """Base of the section of the YAML file that a driver reads.
 
     `slot`: of the port; its base class has it. `hardware`: whether a device stands behind the driver; an
-    emulated one counts. `required`: keys whose defaults do not count for hardware on a real stage, each with
-    a line of YAML that would do.
+    emulated one counts.
     """
 
     slot: ClassVar[Slot]
     hardware: ClassVar[bool] = True
-    required: ClassVar[Mapping[str, str]] = {}
     driver: str
 
 

@@ -30,7 +30,7 @@ def zaber() -> Iterator[Opened]:
 
 @contextmanager
 def cia402() -> Iterator[Opened]:
-    with can_rig.rigged("stage", stage={"max_velocity_m_s": 0.4, "following_error_m": 0.1}) as rig:
+    with can_rig.rigged("stage", stage={"max_velocity_m_s": 0.4, "following_error_m": 0.02}) as rig:
         yield rig.time, rig.stage, rig.drive.provoke
 
 

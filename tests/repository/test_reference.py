@@ -20,7 +20,7 @@ _FILES = ("settings.py", "network_settings.py", "hardware/calibration.py", "dash
 _BASES = {  # never a section: what derives from them is
     "DaemonSettings", "SerialSettings", "DriverSettings", "StageDriverSettings", "GripperDriverSettings",
     "LoadCellDriverSettings", "HandleDriverSettings", "ScaledStageSettings", "CellSettings",
-    "SerialCellSettings",
+    "SerialCellSettings", "AxisSettings",
 }  # fmt: skip
 WITHOUT_UNIT = {
     "connections", "seed", "loss", "burst_loss", "burst_length", "reorder", "duplicate", "priority",

@@ -40,6 +40,7 @@ SETTINGS = SlaveAxisSettings(
     stage=_STAGE,
     load_cell=SimulatedLoadCellSettings(),
     gripper=SimulatedGripperSettings(),
+    unsafe=("gate.engage_ramp_s",),
 )
 SHARED = shared_text("cell", "insertion", SETTINGS.limits)
 

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field
 
-from forefeel.common.config import Settings, deep_merge, dump_yaml, load_settings
+from forefeel.common.config import Settings, checked, deep_merge, dump_yaml, load_settings
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.settings import (
     AxisLimits,
@@ -236,3 +236,51 @@ def test_a_merge_has_every_value_of_the_override_and_the_rest_of_the_base(
 def test_unreadable_settings_of_the_peer_are_said_to_be_so(theirs: str) -> None:
     said = differences(shared_text("lab", "insertion", AxisLimits()), theirs)
     assert said == "the peer's settings are unreadable" or said.startswith("a: None here, {'a'")
+
+
+REAL: dict[str, Any] = {
+    "stage": {"driver": "zaber_ascii", "port": "p", "microstep_m": 1e-7, "travel_m": [-0.01, 0.13]},
+    "load_cell": {"driver": "bota_serial", "port": "q", "full_scale_n": 9500, "pushes_only": False},
+    "gripper": {"driver": "simulated"},
+}
+HELD = {"driver": "coil_serial", "port": "h", "counts_per_m": 1e6, "newton_per_ampere": 5, "max_current_a": 1}
+END: dict[str, tuple[type[Settings], dict[str, Any]]] = {
+    "slave": (SlaveSettings, REAL),
+    "master": (MasterSettings, {"handle": HELD}),
+}
+
+
+@pytest.mark.parametrize(
+    ("role", "key", "value"),
+    [
+        ("slave", "gate.stop_deceleration_m_s2", 0.05),
+        ("slave", "gate.watchdog_s", 0.0),
+        ("slave", "gate.watchdog_s", 0.3),
+        ("slave", "gate.force_timeout_s", None),
+        ("slave", "gate.max_age_s", 1.0),
+        ("slave", "gate.lease_s", 10.0),
+        ("slave", "gate.alignment_m", 0.05),
+        ("slave", "gate.engage_ramp_s", 1e-6),
+        ("slave", "limits.max_acceleration_m_s2", 1e7),
+        ("slave", "limits.max_force_n", 9000.0),
+        ("slave", "limits.stiffest_wall_n_m", 0.001),
+        ("master", "rendering.max_force_n", 50.0),
+        ("master", "rendering.max_slew_n_s", 1e4),
+        ("master", "rendering.max_stiffness_n_m", 1e5),
+        ("master", "rendering.stale_s", 2.0),
+        ("master", "rendering.fade_s", 5.0),
+    ],
+)
+def test_what_switches_a_protection_off_needs_its_name_in_unsafe(role: str, key: str, value: object) -> None:
+    (kind, devices), (section, name) = END[role], key.split(".")
+    axis = {**deepcopy(devices), section: {name: value}}
+    if name == "max_force_n" and role == "master":
+        axis[section]["max_slew_n_s"] = 300.0
+    checked(kind, {"axes": [{**devices}]}, "f")
+    with pytest.raises(ConfigurationError, match=rf"{key} = .* or the line unsafe: \[{key}\]"):
+        checked(kind, {"axes": [axis]}, "f")
+    checked(kind, {"axes": [{**axis, "unsafe": [key]}]}, "f")
+    simulated = {place: each for place, each in axis.items() if place not in {"stage", "handle"}}
+    checked(kind, {"axes": [simulated]}, "f")  # nobody to protect
+    with pytest.raises(ConfigurationError, match="is not beyond its bound"):
+        checked(kind, {"axes": [{**devices, "unsafe": [key]}]}, "f")

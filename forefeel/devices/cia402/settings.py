@@ -35,9 +35,9 @@ class Cia402Settings(ScaledStageSettings):
     node_id: NodeId
     counts_per_m: Annotated[float, Field(gt=0)]
     max_velocity_m_s: Annotated[float, Field(gt=0, le=10)] = 0.2
-    following_error_m: Annotated[float, Field(gt=0, le=0.1)] = 0.002
+    following_error_m: Annotated[float, Field(gt=0, le=0.02)] = 0.002
     sync_hz: Annotated[int, Field(ge=50, le=1000)] = 250
-    heartbeat_s: Annotated[float, Field(ge=0.01, le=1)] = 0.02
+    heartbeat_s: Annotated[float, Field(ge=0.01, le=0.1)] = 0.02
     homing: HomingSettings = HomingSettings()
 
     @model_validator(mode="after")
