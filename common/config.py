@@ -1,5 +1,6 @@
 """YAML -> frozen settings. Every mistake is one line: file, line, place, value, what was expected."""
 
+import os
 import re
 from difflib import get_close_matches
 from pathlib import Path
@@ -50,6 +51,7 @@ def _is_quoted_number(value: object) -> bool:
 
 S = TypeVar("S", bound=BaseModel)
 _WHOLE = "(whole file)"
+_MOST_NAME, _MOST_PATH = 255, 4095  # bytes (limits.h of Linux): what is longer makes every look at it fail
 
 
 def load_settings(kind: type[S], path: Path) -> S:
@@ -82,6 +84,9 @@ def beside_the_file(path: Path, info: ValidationInfo) -> Path:
 
     Absolute, for effective settings that are printed may be read from elsewhere.
     """
+    text = os.fsencode(path)
+    if b"\0" in text or len(text) > _MOST_PATH or max(map(len, text.split(b"/"))) > _MOST_NAME:
+        raise ValueError("expected a path that a file can have")
     return (Path((info.context or {}).get("directory", "")) / path).absolute()
 
 

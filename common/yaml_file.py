@@ -10,24 +10,28 @@ import yaml
 from forefeel.common.errors import ConfigurationError
 
 Place = tuple[int | str, ...]
+_MOST_DIGITS = 400  # a float has 309; Python refuses to print an integer of over 4300
 KINDS = {type(None): "empty", list: "a list", str: "text"}
 """What stands where a mapping was expected, in words."""
 
 
-class _AliasError(yaml.MarkedYAMLError):
-    """An alias where a value should stand."""
+class _IndirectError(yaml.MarkedYAMLError):
+    """An alias or a tag where a value should stand."""
 
 
 class _Loader(yaml.SafeLoader):
     """Safe YAML that also reads 1e-3 as a number (YAML 1.2), as engineers write it.
 
     Without aliases: a few lines of them, each of the one before, stand for more than any memory holds.
+    Without tags: they make of a text whatever they name, or raise what no caller expects.
     """
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:  # noqa: ANN401
-        if self.check_event(yaml.AliasEvent):
-            event = self.get_event()  # type: ignore[no-untyped-call]
-            raise _AliasError(None, None, f"*{event.anchor} is an alias", event.start_mark)
+        event: Any = self.peek_event()  # type: ignore[no-untyped-call]
+        alias = self.check_event(yaml.AliasEvent)
+        if alias or event.tag is not None:
+            what = f"*{event.anchor} is an alias" if alias else f"{event.tag!r:.80} is a tag"
+            raise _IndirectError(None, None, what, event.start_mark)
         return super().compose_node(parent, index)
 
 
@@ -58,7 +62,7 @@ def load_yaml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
         mark = getattr(error, "problem_mark", None)
         line = mark.line + 1 if mark else 1
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not YAML"
-        expected = "the value itself" if isinstance(error, _AliasError) else "YAML"
+        expected = "the value itself" if isinstance(error, _IndirectError) else "YAML"
         raise ConfigurationError(f"{path}:{line}: {problem}; expected {expected}") from error
     except (ValueError, RecursionError) as error:  # a date that is none; brackets a thousand deep
         raise ConfigurationError(f"{path}: {error}; expected YAML") from error
@@ -70,6 +74,10 @@ def load_yaml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
 
 def _lines(node: yaml.Node, place: Place, path: Path) -> Iterator[tuple[Place, int]]:
     yield place, node.start_mark.line + 1
+    if node.tag == "tag:yaml.org,2002:int" and len(node.value) > _MOST_DIGITS:
+        raise ConfigurationError(
+            f"{path}:{node.start_mark.line + 1}: {len(node.value)} digits; expected fewer"
+        )
     if isinstance(node, yaml.SequenceNode):
         for index, child in enumerate(node.value):
             yield from _lines(child, (*place, index), path)

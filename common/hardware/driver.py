@@ -127,7 +127,7 @@ def driver_settings(slot: Slot) -> BeforeValidator:
             raise ValueError("expected a mapping such as {driver: simulated}")
         if "driver" not in data:
             raise PydanticKnownError("union_tag_not_found", {"discriminator": "'driver'"})
-        name = str(data["driver"])
+        name = str(data["driver"]).encode(errors="replace").decode()  # pydantic takes no half characters
         try:
             found = installed_driver(slot, name)
         except KeyError:

@@ -116,7 +116,8 @@ class WorldSettings(Settings):
         if not isinstance(data, dict):
             return data
         data = _with_model(data, "contact", info)
-        values = PRESETS.get(data.get("preset", "catheter"))  # an unknown name is refused by its field
+        name = data.get("preset", "catheter")
+        values = PRESETS.get(name) if isinstance(name, str) else None  # any other is refused by its field
         if values is None:
             return data
         pushes_only = {"load_cell": {"pushes_only": "contact" not in data}}

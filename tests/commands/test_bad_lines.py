@@ -39,6 +39,8 @@ SETTINGS: list[tuple[str, str, tuple[str, ...], str]] = [
     (CHECK, "", ("f.yaml:3: axes[0]", "load_cell: missing", "add the line load_cell: {"), f"{REAL}name: a"),
     (CHECK, "", ("gripper: missing", "add the line gripper: {"), f"{REAL}{CELL}, pushes_only: true}}"),
     (CHECK, "", ("f.yaml:4", "add the line pushes_only: true"), f"{REAL}{CELL}}}\n{GRIPPER}"),
+    (CHECK, "", ("f.yaml:3", "preset"), f"{AXIS}simulation: {{preset: [a]}}"),
+    (CHECK, "", ("f.yaml:1", "is a tag"), "role: !!timestamp x\n"),
     (CHECK, "", ("axes: handle: missing", "add the line handle: {"), FAR),
     ("master --config", "", ("no.csv",), f"{MASTER}[{{handle: {{driver: recording, recording: no.csv}}}}]"),
 ]
