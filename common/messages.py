@@ -212,7 +212,8 @@ class SlaveState(Message):
     """The slave's state, 50 Hz: safety state, readback and counters.
 
     `latch_persisted`: whether what is latched is on the slave's disk, so that a new start finds it. A stop is
-    acknowledged by ESTOPPED together with it.
+    acknowledged by ESTOPPED together with it. `caveats`: what of the axis is simulated, uncalibrated or
+    relaxed.
     """
 
     most_bytes: ClassVar[int] = 24 * 1024
@@ -228,6 +229,7 @@ class SlaveState(Message):
     clock_offset_ns: Stamp | None
     clock_bound_ns: NonNegativeInt | None
     counters: dict[Name, NonNegativeInt]
+    caveats: tuple[ShortText, ...] = ()
 
     @property
     def acknowledges_stop(self) -> bool:
@@ -236,7 +238,7 @@ class SlaveState(Message):
 
 
 class MasterState(Message):
-    """The master's state, 10 Hz: what it shows to the operator, delay and counters."""
+    """The master's state, 10 Hz: what it shows to the operator, delay, counters, `caveats` as the slave."""
 
     most_bytes: ClassVar[int] = 24 * 1024
     most_items: ClassVar[int] = 256
@@ -248,6 +250,7 @@ class MasterState(Message):
     clock_offset_ns: Stamp | None
     clock_bound_ns: NonNegativeInt | None
     counters: dict[Name, NonNegativeInt]
+    caveats: tuple[ShortText, ...] = ()
 
 
 class Heartbeat(Message):

@@ -126,6 +126,18 @@ class AxisSettings(Settings):
         """Of every setting that can switch a protection off."""
         raise NotImplementedError
 
+    @property
+    def caveats(self) -> tuple[str, ...]:
+        """What is simulated, uncalibrated or relaxed, for whoever arms the axis or reads its recording."""
+        named: dict[str, list[str]] = {"no hardware": [], "uncalibrated": []}
+        for slot, device in self.sections.items():
+            if not device.hardware:
+                named["no hardware"].append(f"{slot} ({device.driver})")
+            elif getattr(device, "calibration", self) is None:
+                named["uncalibrated"].append(slot)
+        named["unsafe"] = [f"{key} = {attrgetter(key)(self)}" for key in self.unsafe]
+        return tuple(f"{what}: {', '.join(each)}"[:256] for what, each in named.items() if each)
+
     @model_validator(mode="after")
     def _protects(self) -> Self:
         real = any(self.sections[slot].hardware for slot in ("stage", "handle") if slot in self.sections)

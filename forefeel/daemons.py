@@ -22,7 +22,7 @@ from forefeel.common.errors import ConfigurationError, EndpointError, NoRouterEr
 from forefeel.common.events.console import Notices, tell_notices
 from forefeel.common.runtime.real import Host, RealRuntime
 from forefeel.common.runtime.service_manager import ServiceManager, ServiceWatchdog
-from forefeel.common.settings import DaemonSettings
+from forefeel.common.settings import DaemonSettings, LinkImpairment
 from forefeel.common.state.event_log import StateEventSink
 from forefeel.common.state.folder import StateFolder, state_path
 from forefeel.common.topics import Role
@@ -417,6 +417,10 @@ def _described(settings: "SlaveSettings | MasterSettings") -> str:
     transport = settings.transport
     ways = {
         "axes": [axis.name + axis.limits.meaning for axis in settings.axes],
+        "with": [f"{axis.name} {each}" for axis in settings.axes for each in axis.caveats],
+        "impairment injected": []
+        if settings.impairment == LinkImpairment()
+        else ["into this end's messages"],
         "listening on": transport.listen,
         "connecting to": transport.connect,
         "certificates in": [str(transport.pki)] if transport.pki else [],

@@ -67,6 +67,8 @@ class MasterAxis:
         self._instance_id = new_id()
         self._shared = shared_text(cell, settings.name, settings.limits)
         self._drivers = {"handle": driver_of("handle", settings.handle).origin}
+        self._caveats = settings.caveats
+        self._slave_caveats: tuple[str, ...] = ()
         self._loop = loop
         self._bus = bus
         self._heartbeats = Heartbeats(bus.publisher(topics.MASTER_HEARTBEAT))
@@ -135,6 +137,9 @@ class MasterAxis:
             return
         self.session.heard_state(state.session_id, receive_ns)
         self._slave_state, self._state_heard_ns = state, receive_ns
+        if state.caveats != self._slave_caveats:
+            self._slave_caveats = state.caveats
+            self.events.notices.add(f"slave: {'; '.join(state.caveats) or 'nothing simulated or unsafe'}")
         if state.state in HALTED:
             self.faulted = True
 
@@ -316,6 +321,7 @@ class MasterAxis:
                 clock_offset_ns=best.offset_ns if best else None,
                 clock_bound_ns=best.bound_ns if best else None,
                 counters=saturated(self._count()),
+                caveats=self._caveats,
             )
         )
 

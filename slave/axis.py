@@ -288,6 +288,7 @@ class SlaveAxis:
                 clock_offset_ns=best.offset_ns if best else None,
                 clock_bound_ns=best.bound_ns if best else None,
                 counters=self._count(),
+                caveats=self.settings.caveats,
             )
         )
 

@@ -33,5 +33,8 @@ def _verdict(file: Path, found: Any) -> None:  # noqa: ANN401 - settings of any 
     if not (found.transport.listen or found.transport.connect):
         links = "no endpoint yet: add one to transport.listen or transport.connect"
     say(f"Verdict  valid: {role} of {'cells' if cells[1:] else 'cell'} {', '.join(cells)}{axes}; {links}")
+    for axis in getattr(found, "axes", ()):
+        for caveat in axis.caveats:
+            say(f"         axis {axis.name}: {caveat}")
     command = _NEXT.get(role, role)
     suggest(command, config=file, out="run.mcap" if command == "record" else None)

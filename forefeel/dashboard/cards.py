@@ -242,7 +242,8 @@ def counted(view: AxisView, now_ns: int, own: Mapping[str, int] = {}) -> str:
             sums[kind] += count
     parts = [f"{number(count)} {kind}" for kind, count in sums.items()]
     missing = [t.publisher for t in (SLAVE_STATE, MASTER_STATE) if not _fresh(view, t.name, now_ns)]
-    return " · ".join([*parts, *(f"{publisher} not heard now" for publisher in missing)])
+    caveats = {printable(caveat) for state in states if state is not None for caveat in state.caveats}
+    return " · ".join([*parts, *sorted(caveats), *(f"{publisher} not heard now" for publisher in missing)])
 
 
 def events(log: EventList) -> list[Card]:

@@ -88,7 +88,8 @@ def _safety(view: AxisView, now_ns: int) -> Light:
     if quiet:
         return Light("safety", "bad", "unknown", f"{quiet}; was {word}")
     level, meaning = _SAFETY[slave.state]
-    return Light("safety", level, word, f"{meaning} · {printable(slave.reason)}")
+    caveats = slave.caveats if slave.state is S.READY else ()  # before it is armed
+    return Light("safety", level, word, " · ".join((meaning, *map(printable, (*caveats, slave.reason)))))
 
 
 def safety_word(slave: SlaveState) -> str:

@@ -76,6 +76,7 @@ def examine(
         progress(f"{role}: devices, disk")
         state = state_path(settings, role, environment)
         findings += check_devices(role, settings, host.running(state), host)
+        findings += check_caveats(settings)
         findings += check_disk(state, host)
     versions = f"{metadata.version('forefeel')}, Python {platform.python_version()}"
     findings.append(Finding("versions", "forefeel", "green", versions))
@@ -226,6 +227,14 @@ def check_devices(
         yield Finding("devices", f"{role}'s devices", "amber", found, f"end the {role}, then ask again")
     else:
         yield from (_judged_device(device, host.probe(device)) for device in real)
+
+
+def check_caveats(settings: DaemonSettings) -> Iterator[Finding]:
+    """What is simulated, uncalibrated or relaxed beside hardware."""
+    for axis in getattr(settings, "axes", ()):
+        for caveat in axis.caveats if any(device.hardware for device in axis.sections.values()) else ():
+            advice = "name a device, calibrate it, drop it from unsafe; or mean it so"
+            yield Finding("devices", f"{axis.name} settings", "amber", caveat, advice)
 
 
 def _judged_device(device: ConfiguredDevice, found: Probed) -> Finding:

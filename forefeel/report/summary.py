@@ -218,6 +218,8 @@ def _notes(run: Run, axis: str, commands: ScoredCommands, handshake: Handshake |
         topics: list[Topic[Any]] = [t for t in RECORDED if t.publisher == role]
         if not any(run.count(axis, topic) for topic in topics):
             notes.append(f"No message of the {role} was recorded.")
+    for state in last(run.messages(axis, SLAVE_STATE)), last(run.messages(axis, MASTER_STATE)):
+        notes += [f"With {caveat}." for caveat in (state.caveats if state else ())]
     if not commands.answered:
         notes.append("No command was answered by a valid force: nothing could be judged.")
     elif not commands.scored:

@@ -288,3 +288,12 @@ def test_what_switches_a_protection_off_needs_its_name_in_unsafe(role: str, key:
     checked(kind, {"axes": [simulated]}, "f")  # nobody to protect
     with pytest.raises(ConfigurationError, match="is not beyond its bound"):
         checked(kind, {"axes": [{**devices, "unsafe": [key]}]}, "f")
+
+
+def test_what_an_axis_does_without_stands_in_one_list() -> None:
+    axis = {**REAL, "gate": {"lease_s": 5}, "unsafe": ["gate.lease_s"]}
+    assert checked(SlaveSettings, {"axes": [axis]}, "f").axes[0].caveats == (
+        "no hardware: gripper (simulated)", "uncalibrated: stage, load_cell", "unsafe: gate.lease_s = 5.0",
+    )  # fmt: skip
+    assert MasterSettings().axes[0].caveats == ("no hardware: handle (operator)",)
+    assert checked(MasterSettings, {"axes": [{"handle": HELD}]}, "f").axes[0].caveats == ()

@@ -137,6 +137,8 @@ TABLE: list[tuple[str, Level, Callable[[], Iterator[Finding]]]] = [
     ("port slow", "amber", lambda: devices(STAGE, probed=replace(READY, warning="timer 16 ms"))),
     ("device with flaws", "amber", lambda: devices(STAGE, probed=replace(READY, invalid=3))),
     ("busy", "amber", lambda: devices(STAGE, probed=replace(READY, verdict="refused", error="busy"))),
+    ("without", "amber", lambda: doctor.check_caveats(SlaveSettings.model_validate({"axes": [STAGE]}))),
+    ("without anything", "green", lambda: doctor.check_caveats(SlaveSettings())),
     ("silent", "red", lambda: devices(STAGE, probed=replace(READY, verdict="failed", error="no answer"))),
     ("daemon runs", "amber", lambda: devices(STAGE, process=7, probed=replace(READY, verdict="failed"))),
     ("state", "green", lambda: disk(True, 0o700, 5e10)),

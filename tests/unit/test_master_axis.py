@@ -253,3 +253,12 @@ def test_no_number_and_no_name_of_the_slave_keeps_a_report_from_being_sent(rig: 
     counters = rig.counters()
     assert counters["limit_force"] == counters["limit_other"] == MOST_COUNT
     assert len(counters) < 100
+
+
+def test_what_the_slave_does_without_is_said_once(rig: Rig) -> None:
+    rig.axis.events.notices.drain()
+    for caveats in ((), ("unsafe: gate.lease_s = 5",), ("unsafe: gate.lease_s = 5",)):
+        rig.clock.set_ns(rig.now_ns + MS)
+        header = rig.header(rig.state)
+        rig.state.send(slave_state(**header, reason="", position_m=0.0, counters={}, caveats=caveats))
+    assert rig.axis.events.notices.drain() == ["slave: unsafe: gate.lease_s = 5"]

@@ -13,6 +13,7 @@ from forefeel.report.model import LoopFigures, Loops, RunReport
 from forefeel.report.page import ten_lines
 from forefeel.report.summary import summarise
 from forefeel.report.wording import DISCLAIMER
+from tests.unit.dashboard.said import slave_state
 from tests.unit.report_run import SESSION, RunBuilder, S, recorded, write_known_run
 
 
@@ -145,6 +146,13 @@ def test_a_run_of_one_end_says_so(tmp_path: Path, present: str, missing: str) ->
     assert report.prediction.rms_n is None and report.transparency is None
     assert (report.stops is None) == (missing == "slave")
     _parsed(report)
+
+
+def test_what_an_axis_does_without_is_a_note(tmp_path: Path) -> None:
+    with recorded(tmp_path / "run.mcap") as run:
+        fields = {"reason": "", "position_m": 0.0, "counters": {}, "caveats": ("unsafe: x = 1",)}
+        run.put("slave/state", slave_state(**run.header(10), **fields), 10)
+    assert "With unsafe: x = 1." in _summary(tmp_path / "run.mcap").notes
 
 
 def test_a_refused_session_is_told(tmp_path: Path) -> None:

@@ -97,3 +97,9 @@ def test_the_grip_of_a_followed_command_reaches_the_gripper() -> None:
     assert rig.gripper.asked[-1] is Grip.OPEN
     assert rig.state() is S.ENGAGING
     assert rig.states[-1].gripper is Grip.OPEN
+
+
+def test_the_state_says_what_the_axis_does_without() -> None:
+    rig = SlaveRig().connected()
+    assert len(rig.states[-1].caveats) == 3
+    assert rig.states[-1].caveats == rig.axis.settings.caveats

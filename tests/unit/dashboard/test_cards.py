@@ -70,6 +70,14 @@ def test_every_safety_state_has_a_word_and_a_level(state: SafetyState) -> None:
     assert more.endswith(" · x")
 
 
+def test_what_an_axis_does_without_is_shown_before_it_is_armed() -> None:
+    without = ("unsafe: gate.lease_s = 5",)
+    assert without[0] in told({"state": "ready", "caveats": without}, {})["safety"][2]
+    view, now_ns = heard(0.1)
+    view.newest.slave = slave_state(caveats=without)
+    assert without[0] in cards.counted(view, now_ns)
+
+
 def test_counters_by_what_they_mean() -> None:
     view, now_ns = heard(0.1)
     slave = {"refused_late": 7, "refused_sequence": 3, "refused_session": 2, "steps": 9, "zero": 0}
