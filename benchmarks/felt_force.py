@@ -212,7 +212,7 @@ class Felt:
 
     def _render_truth(self) -> None:
         """Has the prediction say what the twin answers."""
-        prediction, twin = self._pair.master.axes[0]._loop._prediction, self._twin()
+        prediction, twin = self._pair.master.axes[0]._loop.prediction, self._twin()
         predict = prediction.predict
 
         def true(

@@ -4,18 +4,18 @@ returned.
 The force limit holds because the setpoint slows down towards it. With k the stiffness of the stiffest wall
 (`stiffest_wall_n_m`) and F the force against the motion, (F_lim - F) / k is left of the way.
 The setpoint goes no faster than it can brake on that way: v T + v^2 / 2a = (F_lim - F) / k, where the force
-answers the setpoint T later. So at F_lim only the way out is open.
+answers the setpoint T later (`Reaction`). So at F_lim only the way out is open. F is old: what the setpoint
+has moved since in any direction, U, may have met the stiffest wall, and v (run_on + dt) + v^2 / 2a is at most
+(F_lim - F) / k - U as well. So a late force makes the way to the limit slow, and does not let it overshoot.
 """
 
-from math import copysign, sqrt
+from collections import deque
+from math import copysign, exp, sqrt
 from typing import NamedTuple
 
 from forefeel.common.settings import AxisLimits
 
 _EXACT = 1e-9  # a change below a nanometre or nm/s is rounding, no intervention
-_REACTION_S = 0.008
-"""T. At walls as stiff as the bound the limit is then exceeded by 0.4 % (`python -m benchmarks.force_limit`),
-with 5 ms by 1 %, and by 8 % where the stage has 15 Hz in place of 25."""
 _PROBING_M_S = 0.005
 _PROBING_SHARE = 0.5
 """While the measured force is below this share of the limit, a prediction does not slow the setpoint below
@@ -23,6 +23,44 @@ _PROBING_SHARE = 0.5
 
 MOTION_RULES = ("workspace", "velocity", "acceleration", "contact_speed", "force", "travel")
 """Rules that change a motion. Every other rule refuses a command, or an engagement."""
+
+
+class Reaction(NamedTuple):
+    """T, by its parts in s: from a setpoint to the reading that shows what it did.
+
+    `reading_s`: age of the newest reading when the next one is due, and a tick. `filter_s`: what no stamp
+    shows, as a first-order lag. `stage_s`: of the stage behind the setpoint. `run_on_s`: way that the stage
+    still goes once the setpoint rests, over the speed.
+    """
+
+    reading_s: float
+    filter_s: float
+    stage_s: float
+    run_on_s: float
+
+
+PROMPT = Reaction(0.002, 0.001, 0.003, 0.002)
+"""Of the simulated stage of 25 Hz with a cell of 200 Hz at 1 kHz: 8 ms."""
+
+
+LEAST_M_S = 0.002
+"""An axis whose force limit leaves less does not arm: 100 mm would take a minute."""
+
+
+def open_speed_m_s(limits: AxisLimits, reaction: Reaction) -> float:
+    """The largest speed that the force limit leaves while nothing is touched."""
+    room_m = limits.max_force_n / limits.wall_n_m
+    return _stoppable_m_s(room_m, limits.max_acceleration_m_s2, sum(reaction))
+
+
+def claim(limits: AxisLimits, reaction: Reaction) -> str:
+    """In a line, for which speed, wall, cell and stage the force limit holds."""
+    reading_s, filter_s, stage_s, run_on_s = reaction
+    return (
+        f"limit {limits.max_force_n:g} N holds up to {1e3 * open_speed_m_s(limits, reaction):.3g} mm/s "
+        f"against walls up to {limits.wall_n_m:g} N/m: cell {1e3 * (reading_s + filter_s):.2g} ms, "
+        f"stage {1e3 * (stage_s + run_on_s):.2g} ms"
+    )
 
 
 class LimitHit(NamedTuple):
@@ -53,6 +91,8 @@ class MotionLimiter:
     """Moves a setpoint towards what is asked, inside the limits; lands exactly on what is inside them.
 
     Attributes:
+        reaction: how late the force answers; whoever measures it sets it.
+        age_s: of the next force; None: as old as the reaction says.
         position_m, velocity_m_s: the setpoint now.
     """
 
@@ -64,6 +104,10 @@ class MotionLimiter:
         self._wall_n_m = limits.wall_n_m
         self._stop_m_s2 = stop_deceleration_m_s2
         self._wall_m_s2 = min(limits.max_acceleration_m_s2, stop_deceleration_m_s2)
+        self.reaction = PROMPT
+        self.age_s: float | None = None
+        self._time_s = self._path_m = self._filtered_m = 0.0
+        self._shown = deque([(0.0, 0.0)])  # time, and the path that had passed the filter by then
         self.position_m = 0.0
         self.velocity_m_s = 0.0
 
@@ -87,6 +131,7 @@ class MotionLimiter:
         `band_n`: where the force is expected for this position; it only ever slows the setpoint.
         """
         hits: list[LimitHit] = []
+        self._age(dt_s)
         target_m = min(max(position_m, self._low_m), self._high_m)
         if target_m != position_m:
             hits.append(LimitHit("workspace", position_m, target_m, "m"))
@@ -110,6 +155,7 @@ class MotionLimiter:
 
     def stop(self, dt_s: float, force_n: float = 0.0, force_share: float = 1.0) -> None:
         """One step of dt of the ramp to rest; steeper where the force limit demands it."""
+        self._age(dt_s)
         velocity = self.velocity_m_s - _clip(self.velocity_m_s, self._stop_m_s2 * dt_s)
         capped = self._towards_contact(velocity, force_n, force_share * self._force_n, None, [])
         change = max(self._stop_m_s2, self._acceleration_m_s2) * dt_s
@@ -120,8 +166,21 @@ class MotionLimiter:
         room_m = self._high_m - self.position_m if velocity_m_s > 0.0 else self.position_m - self._low_m
         return _clip(velocity_m_s, _stoppable_m_s(room_m, self._wall_m_s2, dt_s))
 
+    def _age(self, dt_s: float) -> None:
+        """Finds how much of the path of the setpoint the force shows."""
+        reaction, self._dt_s = self.reaction, dt_s
+        self._time_s += dt_s
+        passed = 1.0 - exp(-dt_s / reaction.filter_s) if reaction.filter_s > 0.0 else 1.0
+        self._filtered_m += passed * (self._path_m - self._filtered_m)
+        self._shown.append((self._time_s, self._filtered_m))
+        age_s = reaction.reading_s - dt_s if self.age_s is None else self.age_s
+        since_s = self._time_s - reaction.stage_s - age_s + _EXACT
+        while len(self._shown) > 1 and self._shown[1][0] <= since_s:
+            self._shown.popleft()
+
     def _advance(self, velocity_m_s: float, dt_s: float) -> None:
         before_m = self.position_m
+        self._path_m += abs(velocity_m_s) * dt_s
         moved_m = before_m + velocity_m_s * dt_s
         if self._low_m <= moved_m <= self._high_m:
             self.position_m, self.velocity_m_s = moved_m, velocity_m_s
@@ -142,7 +201,12 @@ class MotionLimiter:
             return velocity_m_s
         sign = copysign(1.0, velocity_m_s)
         against_n = sign * force_n
-        fastest_m_s = self._allowed_m_s(limit_n - against_n)
+        room_m = (limit_n - against_n) / self._wall_n_m
+        unseen_m, at_once_s = self._path_m - self._shown[0][1], self.reaction.run_on_s + self._dt_s
+        fastest_m_s = min(
+            self._allowed_m_s(limit_n - against_n),
+            _stoppable_m_s(room_m - unseen_m, self._acceleration_m_s2, at_once_s),
+        )
         expected_n = against_n if band_n is None else max(sign * band_n[0], sign * band_n[1])
         if expected_n > against_n:
             expected_m_s = self._allowed_m_s(limit_n - expected_n)
@@ -158,4 +222,4 @@ class MotionLimiter:
         return sign * fastest_m_s
 
     def _allowed_m_s(self, left_n: float) -> float:
-        return _stoppable_m_s(left_n / self._wall_n_m, self._acceleration_m_s2, _REACTION_S)
+        return _stoppable_m_s(left_n / self._wall_n_m, self._acceleration_m_s2, sum(self.reaction))

@@ -35,6 +35,7 @@ Velocity = Annotated[float, Field(ge=-MOST_VELOCITY_M_S, le=MOST_VELOCITY_M_S)]
 MOST_SECONDS = 1e11
 """Holds the sum of any three stamps (2^63 ns are 9.2e9 s), and a recording's time since any epoch."""
 Seconds = Annotated[float, Field(ge=-MOST_SECONDS, le=MOST_SECONDS)]
+Span = Annotated[float, Field(ge=0.0, le=MOST_SECONDS)]
 Microseconds = Annotated[float, Field(ge=-1e16, le=1e16)]
 """2^63 ns are 9.2e15 us."""
 Energy = Annotated[float, Field(ge=-1e12, le=1e12)]
@@ -213,7 +214,8 @@ class SlaveState(Message):
 
     `latch_persisted`: whether what is latched is on the slave's disk, so that a new start finds it. A stop is
     acknowledged by ESTOPPED together with it. `caveats`: what of the axis is simulated, uncalibrated or
-    relaxed.
+    relaxed. `reaction_s`: how late the force answers a setpoint, by the parts of a
+    `forefeel.common.limiter.Reaction`; empty where a slave does not say it.
     """
 
     most_bytes: ClassVar[int] = 24 * 1024
@@ -228,6 +230,7 @@ class SlaveState(Message):
     stops: NonNegativeInt
     clock_offset_ns: Stamp | None
     clock_bound_ns: NonNegativeInt | None
+    reaction_s: tuple[Span, ...] = ()
     counters: dict[Name, NonNegativeInt]
     caveats: tuple[ShortText, ...] = ()
 

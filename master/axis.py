@@ -12,6 +12,7 @@ from forefeel.common.events.console import printable
 from forefeel.common.events.sink import HALTED, NULL_EVENT_SINK, EventSink
 from forefeel.common.hardware.driver import driver_of
 from forefeel.common.heartbeats import Heartbeats
+from forefeel.common.limiter import Reaction
 from forefeel.common.messages import (
     MOST_POSITION_M,
     EmergencyStop,
@@ -142,6 +143,8 @@ class MasterAxis:
             self.events.notices.add(f"slave: {'; '.join(state.caveats) or 'nothing simulated or unsafe'}")
         if state.state in HALTED:
             self.faulted = True
+        if len(state.reaction_s) == len(Reaction._fields):
+            self._loop.prediction.react(Reaction(*state.reaction_s))
 
     def _begin_orders(self) -> None:
         self._forces, self._answers, self._states = StampOrder(backwards=True), StampOrder(), StampOrder()

@@ -76,7 +76,11 @@ class Clutch:
 
 
 class HapticLoop:
-    """Handle in, command out, force out."""
+    """Handle in, command out, force out.
+
+    Attributes:
+        prediction: of the force, which is to be told how late the slave's limit sees one.
+    """
 
     def __init__(
         self,
@@ -86,7 +90,7 @@ class HapticLoop:
         actuator_delay_s: float = 0.0,
     ) -> None:
         self.clutch = Clutch()
-        self._prediction = prediction
+        self.prediction = prediction
         self._renderer = ForceRenderer(settings, actuator_delay_s)
         self._watch = RenderingWatch(settings, limits or AxisLimits())
         self._rendered = Rendered(0.0, (), 0.0)
@@ -141,9 +145,9 @@ class HapticLoop:
         """None while the fixture is open: the instrument is not held, and closing it is a new contact."""
         reading = inputs.reading
         if reading.gripper is Grip.OPEN:
-            self._prediction.reset()
+            self.prediction.reset()
             return None
         newest = inputs.force.sample if inputs.force else None
-        return self._prediction.predict(
+        return self.prediction.predict(
             now_ns, position_m, reading.velocity_m_s, reading.deadman, inputs.snapshot, newest
         )

@@ -8,12 +8,13 @@ drive's lag is part of what it learns. The contact model is one of the instrumen
 position at which the stage is expected.
 """
 
+from collections import deque
 from operator import itemgetter
 
 from forefeel.common.estimation.evaluator import Estimate, Evaluator, Snapshot
 from forefeel.common.estimation.learner import Learner
 from forefeel.common.estimation.stage_lag import StageLag
-from forefeel.common.limiter import MotionLimiter
+from forefeel.common.limiter import MotionLimiter, Reaction
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
 from forefeel.common.slots import BoundedQueue
@@ -28,6 +29,7 @@ class ExpectedSetpoint:
         self._workspace_m = limits.workspace_m
         self._limiter = MotionLimiter(limits, limits.max_acceleration_m_s2)
         self._previous_ns: int | None = None
+        self._expected_n: deque[tuple[int, float]] = deque([(0, 0.0)])
 
     def follow(
         self,
@@ -48,8 +50,20 @@ class ExpectedSetpoint:
         else:
             dt_s = min((stamp_ns - previous_ns) * 1e-9, _MAX_STEP_S)
             force_n, low_n, high_n = expected[:3] if expected else (0.0, 0.0, 0.0)
-            self._limiter.follow(position_m, velocity_m_s, force_n, dt_s, band_n=(low_n, high_n))
+            shown_n = self._shown_n(stamp_ns, force_n)
+            self._limiter.follow(position_m, velocity_m_s, shown_n, dt_s, band_n=(low_n, high_n))
         return self._limiter.position_m
+
+    def react(self, reaction: Reaction) -> None:
+        """How late the slave's limit sees a force."""
+        self._limiter.reaction = reaction
+
+    def _shown_n(self, stamp_ns: int, force_n: float) -> float:
+        """The force that the slave's newest reading has, of those that were expected."""
+        self._expected_n.append((stamp_ns, force_n))
+        while self._expected_n[0][0] < stamp_ns - self._limiter.reaction.reading_s * 1e9:
+            self._expected_n.popleft()
+        return self._expected_n[0][1]
 
 
 class ForcePrediction:
@@ -95,6 +109,9 @@ class ForcePrediction:
         self.evaluator.move((stamp_ns - self._origin_ns) * 1e-9, setpoint_m, stage_m, velocity_m_s)
         self._expected = self.evaluator.predict()
         return self._expected
+
+    def react(self, reaction: Reaction) -> None:
+        self._setpoint.react(reaction)
 
     def stamp_s(self, sample: ForceSample) -> float | None:
         """Stamp of the command that a force answers; None where it is not valid, or the fixture was open."""

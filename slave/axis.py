@@ -11,6 +11,7 @@ from forefeel.common import topics
 from forefeel.common.bus import Bus, Publisher
 from forefeel.common.errors import DeviceError
 from forefeel.common.events.sink import HALTED, NULL_EVENT_SINK, EventSink
+from forefeel.common.events.text import obstacle
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import (
     EmergencyStop,
@@ -127,7 +128,8 @@ class SlaveAxis:
             return "not open"
         machine = self._control.machine
         if machine.state is SafetyState.READY:
-            return self._control.slow(self._session.offset) or machine.reason
+            hit = self._control.obstacle(self._session.offset)
+            return machine.reason if hit is None else obstacle(*hit[:3])
         return self._unheard if machine.state is SafetyState.IDLE and self._unheard else machine.reason
 
     @property
@@ -160,7 +162,9 @@ class SlaveAxis:
             DeviceError: a device does not answer, or the stage does not say where it is.
         """
         self._watch.open(now_ns)
-        self._control = AxisControl(self.settings.limits, self.settings.gate, self._watch.stage.position_m)
+        self._control = AxisControl(
+            self.settings.limits, self.settings.gate, self.settings.reaction(), self._watch.stage.position_m
+        )
         latched = self._event_sink.latched.get(self.name, self._event_sink.latched.get(""))
         if latched is not None:
             self._estop.put(f"{_LATCHED}{latched.removeprefix(_LATCHED)}")
@@ -211,6 +215,7 @@ class SlaveAxis:
             position_m=self._watch.stage.position_m,
             force_n=self._watch.force.force_n,
             force_valid=self._watch.force.valid,
+            force_age_s=self._watch.force_age_s(now_ns),
             session_live=live,
             lost_reason="" if live else conflict or self._session.lost_reason,
             clock=self._session.offset,
@@ -287,6 +292,7 @@ class SlaveAxis:
                 stops=self._control.stops,
                 clock_offset_ns=best.offset_ns if best else None,
                 clock_bound_ns=best.bound_ns if best else None,
+                reaction_s=self._control.limiter.reaction,
                 counters=self._count(),
                 caveats=self.settings.caveats,
             )

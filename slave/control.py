@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from forefeel.common.clock_offset import OffsetEstimate
-from forefeel.common.events.text import ROUND_TRIP, long_round_trip
-from forefeel.common.limiter import LimitHit, MotionLimiter
+from forefeel.common.events.text import ROUND_TRIP, SLOW_LIMIT, obstacle
+from forefeel.common.limiter import LEAST_M_S, LimitHit, MotionLimiter, Reaction, claim, open_speed_m_s
 from forefeel.common.messages import Grip, MotionCommand, SafetyState
 from forefeel.common.settings import AxisLimits
 from forefeel.slave.forces import ForceWatch
@@ -33,6 +33,7 @@ class ControlInputs(NamedTuple):
     position_m: float
     force_n: float
     force_valid: bool
+    force_age_s: float
     session_live: bool
     clock: OffsetEstimate | None
     estop: str | None = None
@@ -63,13 +64,14 @@ class ControlOutputs:
 class AxisControl:
     """State: the safety machine, the setpoint, the newest command and when it came."""
 
-    def __init__(self, limits: AxisLimits, gate: GateSettings, position_m: float) -> None:
+    def __init__(self, limits: AxisLimits, gate: GateSettings, reaction: Reaction, position_m: float) -> None:
         self.machine = SafetyMachine()
         self.limiter = MotionLimiter(limits, gate.stop_deceleration_m_s2)
         self.limiter.place(position_m)
         self.grip = Grip.CLOSED
         self.stops = 0
-        self._gate = gate
+        self._limits, self._gate = limits, gate
+        self.limiter.reaction = reaction
         self._watchdog_ns = gate.watchdog_s * 1e9
         self._max_round_trip_ns = gate.max_round_trip_s * 1e9
         self._command: MotionCommand | None = None
@@ -96,7 +98,12 @@ class AxisControl:
         self._stage_rests = inputs.stage_rests
         if inputs.strayed:  # a setpoint ahead of a stuck stage would make it leap once it is freed
             self.limiter.place(inputs.position_m)
-        self._force.take(inputs.force_n, inputs.force_valid)
+        force, follows = self._force, self.machine.following
+        force.take(now_ns, inputs.force_n, inputs.force_valid, inputs.force_age_s, stood_ns * 1e-9, follows)
+        self.limiter.reaction = self.limiter.reaction._replace(reading_s=force.reading_s)
+        self.limiter.age_s = force.age_s
+        if follows and force.is_late:
+            hits.append(LimitHit("reading_late", force.late_s, force.reading_s, "s"))
         if 0 < self._watchdog_ns < stood_ns:
             # Whatever stopped this loop, the drive's own watchdog has stopped the stage: there it stays.
             self.limiter.place(inputs.position_m)
@@ -109,7 +116,7 @@ class AxisControl:
         if self.machine.following:
             hits += self._follow(now_ns, dt_s)
         else:
-            self.limiter.stop(dt_s, self._force.force_n, self._force.limit_share)
+            self.limiter.stop(dt_s, force.force_n, force.limit_share)
             if self.machine.state is SafetyState.STOPPING and self.at_rest:
                 self._fire(E.AT_REST, "stage at rest", now_ns, transitions)
         following = self.machine.following
@@ -123,11 +130,12 @@ class AxisControl:
             limits=hits,
         )
 
-    def slow(self, clock: OffsetEstimate | None) -> str:
-        """The round trip and its limit in words where it is beyond it, so that nothing arms; else empty."""
-        if clock is None or clock.round_trip_ns <= self._max_round_trip_ns:
-            return ""
-        return long_round_trip(clock.round_trip_ns * 1e-9, self._gate.max_round_trip_s)
+    def obstacle(self, clock: OffsetEstimate | None) -> LimitHit | None:
+        """What keeps it from arming, wherever hand and stage are."""
+        if clock is not None and clock.round_trip_ns > self._max_round_trip_ns:
+            return LimitHit(ROUND_TRIP, clock.round_trip_ns * 1e-9, self._gate.max_round_trip_s, "s")
+        leaves_m_s = open_speed_m_s(self._limits, self.limiter.reaction)
+        return LimitHit(SLOW_LIMIT, leaves_m_s, LEAST_M_S, "m/s") if leaves_m_s < LEAST_M_S else None
 
     def halt(self, now_ns: int, estop: str | None, fault: str | None) -> list[Transition]:
         """What came when no tick follows any more: the machine is told, the setpoint stays."""
@@ -195,7 +203,7 @@ class AxisControl:
         pressed = inputs.command is not None and command.deadman and self._released
         ready = self.machine.state is SafetyState.READY and self.at_rest
         if ready and pressed and self._may_engage(command, inputs.position_m, clock, hits):
-            return [(E.ENGAGE, "deadman pressed, aligned")]
+            return [(E.ENGAGE, f"deadman pressed, aligned; {claim(self._limits, self.limiter.reaction)}")]
         return []
 
     def _following_events(
@@ -206,8 +214,8 @@ class AxisControl:
         silent_ns = now_ns - self._received_ns
         if 0 < self._watchdog_ns < silent_ns:
             return [(E.WATCHDOG, f"no valid command for {silent_ns * 1e-6:.0f} ms")]
-        if slow := self.slow(clock):
-            return [(E.ROUND_TRIP, slow)]
+        if (hit := self.obstacle(clock)) is not None and hit.rule == ROUND_TRIP:
+            return [(E.ROUND_TRIP, obstacle(*hit[:3]))]
         engaging = self.machine.state is SafetyState.ENGAGING
         return self._engaging_events(now_ns, command) if engaging else []
 
@@ -221,15 +229,12 @@ class AxisControl:
     def _may_engage(
         self, command: MotionCommand, position_m: float, clock: OffsetEstimate, hits: list[LimitHit]
     ) -> bool:
-        """Round-trip limit and alignment guard; a refusal is an intervention too."""
-        gate = self._gate
-        if clock.round_trip_ns > self._max_round_trip_ns:
-            hits.append(LimitHit(ROUND_TRIP, clock.round_trip_ns * 1e-9, gate.max_round_trip_s, "s"))
-            return False
-        if abs(command.position_m - position_m) > gate.alignment_m:
-            hits.append(LimitHit("alignment", command.position_m, position_m, "m"))
-            return False
-        return True
+        """A refusal is an intervention too."""
+        hit = self.obstacle(clock)
+        if hit is None and abs(command.position_m - position_m) > self._gate.alignment_m:
+            hit = LimitHit("alignment", command.position_m, position_m, "m")
+        hits += [] if hit is None else [hit]
+        return hit is None
 
     def _fire(self, event: E, reason: str, now_ns: int, transitions: list[Transition]) -> None:
         changed = self.machine.fire(event, reason)

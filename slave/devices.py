@@ -42,7 +42,7 @@ class DeviceWatch:
         self, devices: Devices, following: FollowingWatch, on_fault: Callable[[str, str], None]
     ) -> None:
         self.stage = StageReading(0.0, 0.0)
-        self.force, self._force_ns = _NO_FORCE, 0
+        self.force, self._force_ns, self._stamp_ns = _NO_FORCE, 0, 0
         self.following = following
         self._devices = devices
         self._on_fault = on_fault
@@ -96,9 +96,14 @@ class DeviceWatch:
             readings = (_NO_FORCE,)
         if readings:
             self.force, self._force_ns = readings[-1], now_ns
+            self._stamp_ns = now_ns if self.force.stamp_ns is None else self.force.stamp_ns
         elif now_ns - self._force_ns > cell.stale_s * 1e9:
             self.force = self.force._replace(valid=False)
         return readings
+
+    def force_age_s(self, now_ns: int) -> float:
+        """Age of the newest reading, by its stamp."""
+        return max(0, now_ns - self._stamp_ns) * 1e-9
 
     def _read_stage(self, now_ns: int) -> None:
         reading = self._devices.stage.read(now_ns)

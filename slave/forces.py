@@ -11,6 +11,11 @@ from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.stage import StageReading
 
 _REMEMBERED_TICKS = 256  # ticks that are remembered: 0.256 s at 1 kHz
+_LATER, _LATER_S, _WORST_OF_NS = 1.25, 0.001, 1_000_000_000
+"""A loop without a real-time kernel, and a cell over USB, are later by so much now and then."""
+_LATE = 2.0
+"""By this factor beyond what the limit counts on: 6.5 ms where loop and cell have 1 kHz. The limit itself
+holds at any lateness, for it knows the age of each reading."""
 _PULL_SHARE, _PULL_NS = 0.05, 10_000_000  # share of the force limit that is a pull, and for how long
 _INWARD_M, _INWARD_M_S = 1e-3, 2e-3
 """Beyond presliding of the presets (force / stiffness 0.3 mm) and the tremor of a hand that holds still."""
@@ -76,13 +81,18 @@ class ForcePublisher:
 
 
 class ForceWatch:
-    """Keeps the newest force that can be believed, and how long there has been none.
+    """Keeps the newest force that can be believed, how late it is, and how long there has been none.
 
     A reading that is not valid may still say more than the one before: a saturated cell knows the sign, and
-    the least size. So until the next valid reading the largest counts.
+    the least size. So until the next valid reading the largest counts. One that is later than `reading_s`
+    allows counts as not valid.
 
     Attributes:
         force_n: the force that the limit respects.
+        age_s: its age.
+        late_s: of the newest reading when the next tick replaces it.
+        reading_s: what the limit counts on, from the worst of the last one to two seconds. Grows only while
+            nothing follows, so that what becomes late on the way is noticed.
         limit_share: the share of the limit from which on it acts.
     """
 
@@ -91,24 +101,49 @@ class ForceWatch:
 
         None: for ever, as a recorded force is between its pieces; then a reading counts as it is.
         """
-        self.force_n = 0.0
+        self.force_n = self.age_s = self.late_s = 0.0
+        self.reading_s = _LATER_S
         self.limit_share = 1.0
+        self._worst_s, self._since_ns = (0.0, 0.0), 0
         self._timeout_s = timeout_s
+        self._stamp_ns = 0
         self._seen_ns: int | None = None
 
-    def take(self, force_n: float, valid: bool) -> None:
-        if valid or self._timeout_s is None:
-            self.force_n, self.limit_share = force_n, 1.0
-            return
-        self.limit_share = _BLIND_SHARE
-        if abs(force_n) > abs(self.force_n):
-            self.force_n = force_n
+    @property
+    def is_late(self) -> bool:
+        return self.late_s > _LATE * (self.reading_s + _LATER_S)
+
+    def take(
+        self, now_ns: int, force_n: float, valid: bool, age_s: float, tick_s: float, follows: bool
+    ) -> None:
+        """The newest reading. `tick_s`: since the last."""
+        if valid:
+            self._measure(now_ns, age_s + tick_s, follows)
+        if (valid and not self.is_late) or self._timeout_s is None:
+            self.force_n, self.limit_share, self._stamp_ns = force_n, 1.0, now_ns - round(age_s * 1e9)
+        else:
+            self.limit_share = _BLIND_SHARE
+            if abs(force_n) > abs(self.force_n):
+                self.force_n = force_n
+        self.age_s = (now_ns - self._stamp_ns) * 1e-9
+
+    def _measure(self, now_ns: int, late_s: float, follows: bool) -> None:
+        if now_ns - self._since_ns > _WORST_OF_NS:
+            self._worst_s, self._since_ns = (0.0, self._worst_s[0]), now_ns
+        self.late_s = late_s
+        self._worst_s = max(late_s, self._worst_s[0]), self._worst_s[1]
+        reading_s = _LATER * max(self._worst_s) + _LATER_S
+        if not follows or reading_s < self.reading_s:
+            self.reading_s = reading_s
 
     def fault(self, now_ns: int, valid: bool, following: bool) -> str | None:
-        """Why the stage may not follow any longer: the cell has been blind for too long."""
-        if valid or self._timeout_s is None or not following:
+        """Why the stage may not follow any longer: the cell has been blind, or late, for too long."""
+        if (valid and not self.is_late) or self._timeout_s is None or not following:
             self._seen_ns = now_ns
         elif self._seen_ns is not None and now_ns - self._seen_ns > self._timeout_s * 1e9:
+            if valid:
+                late_ms, counted_ms = 1e3 * self.late_s, 1e3 * self.reading_s
+                return f"force {late_ms:.0f} ms late, the limit counts on {counted_ms:.0f} ms: arm again"
             return f"load cell invalid for more than {self._timeout_s:g} s"
         return None
 

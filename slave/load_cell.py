@@ -22,12 +22,14 @@ Native = Annotated[float, Field(gt=0.0, le=1e12)]
 class LoadCellDriverSettings(DriverSettings):
     """Base of the settings of every load cell. One of hardware has a field `full_scale_n`.
 
+    `filter_lag_s`: how late the amplifier's filter and the converter make a reading, which no stamp shows.
     `pushes_only`: nothing pulls the instrument inwards, so that a cell that says so while it goes in has the
     wrong sign: a fault. Not for an axis with inertia, gravity or friction on both sides, which does pull.
     """
 
     slot: ClassVar[Slot] = "load_cell"
     pushes_only: bool = False
+    filter_lag_s: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
 
     @property
     def rated_n(self) -> float | None:

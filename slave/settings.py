@@ -1,12 +1,13 @@
 """The slave's YAML file: devices, gate and simulated world of each axis."""
 
-from math import inf
+from math import e, inf, pi
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, SerializeAsAny, model_validator
 
 from forefeel.common.config import Settings
 from forefeel.common.hardware.driver import driver_settings
+from forefeel.common.limiter import Reaction
 from forefeel.common.settings import (
     LONGEST_ROUND_TRIP_S,
     STOP_M,
@@ -93,6 +94,20 @@ class SlaveAxisSettings(AxisSettings):
                 "10 mm before the limit",
             ),
         )
+
+    def reaction(self, reading_s: float = 2 * TICK_NS * 1e-9) -> Reaction:
+        """How late the force answers where a reading is so late when it is replaced.
+
+        A servo of critical damping with velocity feed-forward, w its bandwidth, answers a ramp with the
+        deviation t exp(-w t): at most exp(-2 w t) of a setpoint does not show, and v / e w comes after it.
+        """
+        filter_s, stage_s, run_on_s = self.load_cell.filter_lag_s, self.stage.lag_s, self.stage.lag_s / e
+        if self.load_cell.driver == "simulated":
+            filter_s += 1.0 / (2.0 * pi * self.simulation.load_cell.filter_hz)
+        if self.stage.driver == "simulated":
+            w = 2.0 * pi * self.simulation.stage.bandwidth_hz
+            stage_s, run_on_s = 0.5 / w, 1.0 / (e * w)
+        return Reaction(reading_s, filter_s, stage_s, run_on_s)
 
     @model_validator(mode="after")
     def _written_out(self) -> Self:

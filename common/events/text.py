@@ -19,8 +19,8 @@ from forefeel.common.messages import (
 )
 
 UNKNOWN = "–"
-ROUND_TRIP = "round_trip"
-"""The rule by which an axis does not arm over a link that is too slow."""
+ROUND_TRIP, SLOW_LIMIT = "round_trip", "slow_limit"
+"""Rules by which an axis does not arm: the link is too slow, or the force limit leaves no speed."""
 _ROUND_TRIP = "round trip "
 DISTRUSTED = "rendered_late"
 """The rule by which the hand feels the late force, for the prediction is out of reach of it."""
@@ -29,6 +29,7 @@ _LIMITED = {
     "travel": "position kept within the travel",
     "contact_speed": "slower at the contact",
     "force": "slower towards the force limit",
+    "reading_late": "force later than its limit counts on",
     "rendered_force": "force at the hand limited",
     "rendered_step": "force at the hand smoothed",
     "rendered_energy": "force at the hand kept passive",
@@ -45,10 +46,8 @@ def event_text(message: Message) -> str:
     match message:
         case SafetyEvent() | MasterEvent():
             return f"{message.before} -> {message.after}, {message.event}: {message.reason}"
-        case LimitEvent(rule=rule) if rule == ROUND_TRIP:
-            return not_armed(message.requested, message.applied)
         case LimitEvent():
-            return _limit(message)
+            return not_armed(message.rule, message.requested, message.applied) or _limit(message)
         case EmergencyStop():
             return emergency_stop(message.source, message.reason)
         case Handshake(role="slave"):
@@ -61,8 +60,21 @@ def emergency_stop(by: str, reason: str) -> str:
     return f"emergency stop by {by}: {reason}"
 
 
-def not_armed(round_trip_s: float, limit_s: float) -> str:
-    return f"not armed: {long_round_trip(round_trip_s, limit_s)}"
+def not_armed(rule: str, found: float, limit: float) -> str:
+    """Why an axis does not arm, in a line; empty for a rule that does not prevent it."""
+    reason = obstacle(rule, found, limit)
+    return f"not armed: {reason}" if reason else ""
+
+
+def obstacle(rule: str, found: float, limit: float) -> str:
+    if rule == ROUND_TRIP:
+        return long_round_trip(found, limit)
+    if rule == SLOW_LIMIT:
+        return (
+            f"the force limit leaves {found * 1e3:.2g} mm/s, at least {limit * 1e3:g} mm/s are needed: cell "
+            "and stage answer too late for limits.stiffest_wall_n_m"
+        )
+    return ""
 
 
 def long_round_trip(round_trip_s: float, limit_s: float) -> str:

@@ -7,6 +7,7 @@ import typer
 
 from forefeel.commands.options import AsJson, Quiet, examples
 from forefeel.common.config import dump_yaml
+from forefeel.common.limiter import claim
 from forefeel.daemon_settings import load_any
 from forefeel.terminal import answer, output, say, suggest
 
@@ -36,5 +37,7 @@ def _verdict(file: Path, found: Any) -> None:  # noqa: ANN401 - settings of any 
     for axis in getattr(found, "axes", ()):
         for caveat in axis.caveats:
             say(f"         axis {axis.name}: {caveat}")
+    for axis in found.axes if role == "slave" else ():
+        say(f"Axis {axis.name}  {claim(axis.limits, axis.reaction())}, as measured when it arms")
     command = _NEXT.get(role, role)
     suggest(command, config=file, out="run.mcap" if command == "record" else None)

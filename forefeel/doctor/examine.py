@@ -9,6 +9,7 @@ from typing import Literal, cast
 
 from forefeel.common.errors import ConfigurationError, EndpointError
 from forefeel.common.lateness import FEW_MISSED
+from forefeel.common.limiter import LEAST_M_S, claim, open_speed_m_s
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.folder import state_path
 from forefeel.common.topics import Role
@@ -21,6 +22,7 @@ from forefeel.doctor.host import ClockState, Heard, HostProbe, LoopCheck
 from forefeel.probe.configured import ConfiguredDevice, configured
 from forefeel.probe.probe import Probed
 from forefeel.reachability import Reached
+from forefeel.slave.settings import SlaveSettings
 
 Level = Literal["green", "amber", "red"]
 LEVELS: tuple[Level, ...] = ("green", "amber", "red")
@@ -77,6 +79,7 @@ def examine(
         state = state_path(settings, role, environment)
         findings += check_devices(role, settings, host.running(state), host)
         findings += check_caveats(settings)
+        findings += check_force_limit(settings)
         findings += check_disk(state, host)
     versions = f"{metadata.version('forefeel')}, Python {platform.python_version()}"
     findings.append(Finding("versions", "forefeel", "green", versions))
@@ -253,6 +256,15 @@ def _judged_device(device: ConfiguredDevice, found: Probed) -> Finding:
         return Finding("devices", subject, "amber", f"not asked: {error}", advice)
     advice = "power, cable, port and baud; forefeel device probe tells more"
     return Finding("devices", subject, "red", error, advice)
+
+
+def check_force_limit(settings: DaemonSettings) -> Iterator[Finding]:
+    """For which speed, wall, cell and stage the limit of each axis of a slave holds."""
+    for axis in settings.axes if isinstance(settings, SlaveSettings) else ():
+        reaction = axis.reaction()
+        level: Level = "red" if open_speed_m_s(axis.limits, reaction) < LEAST_M_S else "green"
+        advice = "" if level == "green" else "a faster stage or cell, or a softer limits.stiffest_wall_n_m"
+        yield Finding("force limit", f"axis {axis.name}", level, claim(axis.limits, reaction), advice)
 
 
 def check_disk(folder: Path, host: HostProbe) -> Iterator[Finding]:

@@ -54,6 +54,7 @@ class Twin:
         self._world = SimulatedWorld(simulation, settings.seed)
         self._world.advance(start_ns)
         self._limiter = MotionLimiter(settings.limits, settings.gate.stop_deceleration_m_s2)
+        self._limiter.reaction, self._limiter.age_s = settings.reaction(), 0.0
         self._ahead_ns = ahead_ns
         self._previous_ns = start_ns
         self._force_n = 0.0

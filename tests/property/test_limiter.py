@@ -1,3 +1,4 @@
+from copy import deepcopy
 from itertools import accumulate
 from typing import Any
 
@@ -114,6 +115,11 @@ SAID_BY = {
 }
 
 
+def _limited_by(limits: AxisLimits) -> dict[str, Any]:
+    of_limits = vars(MotionLimiter(limits, 4.0))
+    return {name: of_limits[name] for name in ("_low_m", "_high_m", "_velocity_m_s", "_force_n", "_wall_n_m")}
+
+
 @given(all_limits(), COMMANDS)
 def test_a_limit_without_which_the_motion_were_another_is_reported(
     limits: AxisLimits, commands: Commands
@@ -126,8 +132,8 @@ def test_a_limit_without_which_the_motion_were_another_is_reported(
         for _ in range(ticks):
             others = {}
             for rule, changes in WITHOUT.items():
-                other = MotionLimiter(limits.model_copy(update=changes), 4.0)
-                other.position_m, other.velocity_m_s = motion.position_m, motion.velocity_m_s
+                other = deepcopy(motion)
+                vars(other).update(_limited_by(limits.model_copy(update=changes)))
                 other.follow(position_m, speed_m_s, force_n, dt_s)
                 others[rule] = other
             hits = motion.follow(position_m, speed_m_s, force_n, dt_s)

@@ -38,7 +38,7 @@ def test_a_prediction_out_of_reach_is_reported_within_300_ms_and_the_stage_stops
 ) -> None:
     pair = in_contact()
     since_s = pair.run(0.0)
-    prediction = pair.master.axes[0]._loop._prediction
+    prediction = pair.master.axes[0]._loop.prediction
     predict = prediction.predict
     monkeypatch.setattr(
         prediction, "predict", lambda *given: (said := predict(*given)) and said._replace(force_n=predicted_n)

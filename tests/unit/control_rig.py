@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from forefeel.common.clock_offset import OffsetEstimate
+from forefeel.common.limiter import PROMPT
 from forefeel.common.messages import Grip, MotionCommand, SafetyState
 from forefeel.common.settings import AxisLimits
 from forefeel.slave.control import AxisControl, ControlInputs, ControlOutputs
@@ -28,6 +29,7 @@ class Rig:
     follows: bool = True
     force_n: float = 0.0
     force_valid: bool = True
+    force_age_s: float = 0.0
     session_live: bool = True
     session_id: int = SESSION
     clock: OffsetEstimate | None = COMPARED
@@ -36,7 +38,7 @@ class Rig:
     rules: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        self.control = AxisControl(LIMITS, self.gate, self.stage_m)
+        self.control = AxisControl(LIMITS, self.gate, PROMPT, self.stage_m)
         self.out = ControlOutputs(self.stage_m, 0.0, False, Grip.CLOSED, None)
 
     def state(self) -> SafetyState:
@@ -60,6 +62,7 @@ class Rig:
             position_m=self.stage_m,
             force_n=self.force_n,
             force_valid=self.force_valid,
+            force_age_s=self.force_age_s,
             session_live=self.session_live,
             clock=self.clock,
         )

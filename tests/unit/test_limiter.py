@@ -91,7 +91,7 @@ def test_towards_contact_the_way_that_is_left_of_the_limit_bounds_the_speed(sign
 
     def speed_m_s(direction: int, force_n: float, band_n: tuple[float, float] | None = None) -> float:
         motion.velocity_m_s = 0.15 * direction
-        for _ in range(20):
+        for _ in range(60):
             motion.position_m = 0.05
             motion.follow(0.05 + 0.05 * direction, 0.0, sign * force_n, DT_S, band_n=band_n)
         return motion.velocity_m_s * direction
