@@ -94,6 +94,7 @@ class MotionLimiter:
         reaction: how late the force answers; whoever measures it sets it.
         age_s: of the next force; None: as old as the reaction says.
         position_m, velocity_m_s: the setpoint now.
+        force_limited: the force limit slowed its last step.
     """
 
     def __init__(self, limits: AxisLimits, stop_deceleration_m_s2: float) -> None:
@@ -110,10 +111,11 @@ class MotionLimiter:
         self._shown = deque([(0.0, 0.0)])  # time, and the path that had passed the filter by then
         self.position_m = 0.0
         self.velocity_m_s = 0.0
+        self.force_limited = False
 
     def place(self, position_m: float) -> None:
         """Puts the setpoint on the stage at rest, without a motion."""
-        self.position_m, self.velocity_m_s = position_m, 0.0
+        self.position_m, self.velocity_m_s, self.force_limited = position_m, 0.0, False
 
     def follow(
         self,
@@ -197,6 +199,7 @@ class MotionLimiter:
         hits: list[LimitHit],
     ) -> float:
         """The velocity that what is left of the force limit in its direction allows."""
+        self.force_limited = False
         if velocity_m_s == 0.0:
             return velocity_m_s
         sign = copysign(1.0, velocity_m_s)
@@ -215,6 +218,7 @@ class MotionLimiter:
             fastest_m_s = min(fastest_m_s, expected_m_s)
         if abs(velocity_m_s) <= fastest_m_s + _EXACT:
             return velocity_m_s
+        self.force_limited = True
         if against_n > limit_n:
             hits.append(LimitHit("force", force_n, sign * limit_n, "N"))
         else:

@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-PROTOCOL_VERSION = 5  # version of these messages; other versions are refused, except in a handshake
+PROTOCOL_VERSION = 6  # version of these messages; other versions are refused, except in a handshake
 
 MOST_COUNT = 2**63 - 1  # MessagePack and JSON readers have 64 bits
 NonNegativeInt = Annotated[int, Field(ge=0, le=MOST_COUNT)]
@@ -148,7 +148,10 @@ class MotionCommand(Message):
 
 
 class ForceSample(Message):
-    """One load-cell reading with the stage readback of the same instant and the command it answers."""
+    """One load-cell reading with the stage readback of the same instant and the command it answers.
+
+    `setpoint_m`: what the slave's limits left of that command, with `force_limited` its force limit, too.
+    """
 
     position_m: Position
     velocity_m_s: Velocity
@@ -161,6 +164,8 @@ class ForceSample(Message):
     gripper: Gripper = Grip.CLOSED
     clock_offset_ns: Stamp | None = None
     clock_bound_ns: NonNegativeInt | None = None
+    setpoint_m: Position | None = None
+    force_limited: bool = False
 
 
 class HapticSample(Message):

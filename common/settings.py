@@ -250,4 +250,7 @@ def differences(mine: str, theirs: str) -> str:
         for key in sorted({*own, *other})
         if own.get(key) != other.get(key)
     ]
+    if own["protocol"] != (spoken := other.get("protocol")):
+        versions = f"protocol: {own['protocol']} here, {spoken} there"
+        fields = [f"{versions}: install the same version of forefeel on both hosts"]
     return ascii("; ".join(fields))[1:-1][:200]  # what the peer sent may hold line breaks and half characters

@@ -10,6 +10,7 @@ position at which the stage is expected.
 
 from collections import deque
 from operator import itemgetter
+from typing import NamedTuple
 
 from forefeel.common.estimation.evaluator import Estimate, Evaluator, Snapshot
 from forefeel.common.estimation.learner import Learner
@@ -17,19 +18,55 @@ from forefeel.common.estimation.stage_lag import StageLag
 from forefeel.common.limiter import MotionLimiter, Reaction
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
-from forefeel.common.slots import BoundedQueue
+from forefeel.common.slots import BoundedQueue, CommandRing
 
 _MAX_STEP_S = 0.010  # s, longest step of time that the limits count, as in `slave/control.py`
 
 
+class _Expected(NamedTuple):
+    """Of one command: its position, the setpoint expected for it, the sum of the corrections by then."""
+
+    position_m: float
+    setpoint_m: float
+    corrected_m: float
+    force_limited: bool
+
+
 class ExpectedSetpoint:
-    """What the slave's limits will leave of a command; what they forbid must not pass for the drive's lag."""
+    """What the slave's limits will leave of a command; what they forbid must not pass for the drive's lag.
+
+    The slave's force limit acts on a force that is here only predicted. So each force brings back what it has
+    left of its command, and the expected setpoint is corrected by the difference.
+    """
 
     def __init__(self, limits: AxisLimits) -> None:
         self._workspace_m = limits.workspace_m
         self._limiter = MotionLimiter(limits, limits.max_acceleration_m_s2)
         self._previous_ns: int | None = None
         self._expected_n: deque[tuple[int, float]] = deque([(0, 0.0)])
+        self._sent = CommandRing[_Expected]()
+        self._corrected_m = 0.0
+
+    def error_m(self, sample: ForceSample) -> float:
+        """The slave's setpoint less the one expected for the same command, in m, where the force limit acted
+        on either. All other differences are jitter, which the slave evens out.
+        """
+        sent = self._sent.get(sample.answers_stamp_ns or 0)
+        if sent is None or sample.setpoint_m is None or not (sample.force_limited or sent.force_limited):
+            return 0.0
+        return sample.setpoint_m - sent.setpoint_m
+
+    def correct(self, sample: ForceSample, asked_m: float) -> None:
+        """Takes over what the slave's force limit left, while the hand asks beyond it: `asked_m` now."""
+        sent, setpoint_m = self._sent.get(sample.answers_stamp_ns or 0), sample.setpoint_m
+        if sent is None or setpoint_m is None or not sample.force_limited:
+            return
+        if (asked_m - setpoint_m) * (sent.position_m - setpoint_m) > 0.0:
+            # forces under way do not know the corrections since their commands were sent
+            change_m = self.error_m(sample) - (self._corrected_m - sent.corrected_m)
+            self._corrected_m += change_m
+            corrected_m = self._limiter.position_m + change_m
+            self._limiter.position_m = min(max(corrected_m, self._workspace_m[0]), self._workspace_m[1])
 
     def follow(
         self,
@@ -52,7 +89,9 @@ class ExpectedSetpoint:
             force_n, low_n, high_n = expected[:3] if expected else (0.0, 0.0, 0.0)
             shown_n = self._shown_n(stamp_ns, force_n)
             self._limiter.follow(position_m, velocity_m_s, shown_n, dt_s, band_n=(low_n, high_n))
-        return self._limiter.position_m
+        setpoint_m, force_limited = self._limiter.position_m, self._limiter.force_limited
+        self._sent.put(stamp_ns, _Expected(position_m, setpoint_m, self._corrected_m, force_limited))
+        return setpoint_m
 
     def react(self, reaction: Reaction) -> None:
         """How late the slave's limit sees a force."""
@@ -73,12 +112,12 @@ class ForcePrediction:
         limits: of the axis, as both ends share them.
 
     Attributes:
-        evaluator, lag: what the identification task reads of the loop.
+        evaluator, lag, setpoint: what the identification task reads of the loop.
     """
 
     def __init__(self, limits: AxisLimits) -> None:
         self.lag = StageLag()
-        self._setpoint = ExpectedSetpoint(limits)
+        self.setpoint = ExpectedSetpoint(limits)
         self.evaluator = Evaluator()
         self._origin_ns: int | None = None
         self._newest: ForceSample | None = None
@@ -99,12 +138,13 @@ class ForcePrediction:
         """
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
-        setpoint_m = self._setpoint.follow(stamp_ns, position_m, velocity_m_s, deadman, self._expected)
-        stage_m = self.lag.command(stamp_ns, setpoint_m)
         if newest is not None and newest is not self._newest:
             self._newest = newest
+            self.setpoint.correct(newest, position_m)
             if (heard_s := self.stamp_s(newest)) is not None:
                 self.evaluator.hear(heard_s, newest.force_n)
+        setpoint_m = self.setpoint.follow(stamp_ns, position_m, velocity_m_s, deadman, self._expected)
+        stage_m = self.lag.command(stamp_ns, setpoint_m)
         self.evaluator.snapshot = snapshot
         self.evaluator.move((stamp_ns - self._origin_ns) * 1e-9, setpoint_m, stage_m, velocity_m_s)
         self._expected = self.evaluator.predict()
@@ -158,6 +198,7 @@ class IdentificationTask:
         self.used += len(known)
         self.unused += len(samples) - len(known)
         for stamp_s, sample in sorted(known, key=itemgetter(0)):
-            self._prediction.lag.observe(sample.answers_stamp_ns or 0, sample.position_m)
-            self.learner.take(stamp_s, sample.force_n)
+            error_m = self._prediction.setpoint.error_m(sample)
+            self._prediction.lag.observe(sample.answers_stamp_ns or 0, sample.position_m - error_m)
+            self.learner.take(stamp_s, sample.force_n, error_m)
         self.snapshot = self.learner.publish()

@@ -183,9 +183,10 @@ class SlaveAxis:
         stage, force_n = self._watch.stage, self._watch.force.force_n
         if pulls := self._pushes.fault(now_ns, stage, force_n, self._executing is not None):
             self._device_failed("load_cell", pulls)
+        setpoint = self._control.limiter.position_m, self._control.limiter.force_limited
         outputs = self._control.tick(now_ns, self._inputs(now_ns, cleared))
         holder = self._session.holder
-        self._forces.note(Instant(now_ns, self._watch.stage, self._executing, self._grip))
+        self._forces.note(Instant(now_ns, self._watch.stage, self._executing, self._grip, *setpoint))
         for reading in readings:
             self._forces.send(reading, holder, self._session.offset)
         self._executing = outputs.executing

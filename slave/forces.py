@@ -24,12 +24,14 @@ _BLIND_SHARE = 0.9
 
 
 class Instant(NamedTuple):
-    """One tick: where the stage was, and the command that it executed until then."""
+    """One tick: where the stage was, the command that it executed until then, and the setpoint left of it."""
 
     stamp_ns: int
     stage: StageReading
     executing: MotionCommand | None
     grip: Grip
+    setpoint_m: float
+    force_limited: bool
 
 
 class ForcePublisher:
@@ -63,6 +65,8 @@ class ForcePublisher:
                 gripper=at.grip,
                 clock_offset_ns=clock.offset_ns if clock else None,
                 clock_bound_ns=clock.bound_ns if clock else None,
+                setpoint_m=at.setpoint_m if executing else None,
+                force_limited=at.force_limited,
             )
         )
 
@@ -77,7 +81,7 @@ class ForcePublisher:
         before = self._instants[found - 1]
         share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
         stage = StageReading(*(b + share * (a - b) for b, a in zip(before.stage, after.stage, strict=True)))
-        return Instant(stamp_ns, stage, after.executing, after.grip)
+        return after._replace(stamp_ns=stamp_ns, stage=stage)
 
 
 class ForceWatch:

@@ -92,7 +92,7 @@ class Learner:
     ) -> None:
         self._evaluation = evaluator.record
         self.prior, self._model, self._solve = prior, model, solve
-        self._early: list[tuple[float, float]] = []
+        self._early: list[tuple[float, float, float]] = []
         self.fits, self.renewals = 0, -1
         self._begin_anew()
         self._taught = self._fit.contact
@@ -108,32 +108,34 @@ class Learner:
         self._fitting: tuple[Fitting, Future[Contact | None]] | None = None
         self.renewals += 1
 
-    def take(self, stamp_s: float, force_n: float) -> None:
+    def take(self, stamp_s: float, force_n: float, error_m: float = 0.0) -> None:
         """A force that was measured at `stamp_s`, the stamp of a motion; in any order, each counts once.
+
+        `error_m`: of the position that the evaluator expected then; the stage was so much farther.
 
         One that is ahead of the motion waits for it. One that is not finite, or far from all that were seen
         before, is left out, the latter until the next one confirms it.
         """
         if not (math.isfinite(stamp_s) and math.isfinite(force_n)):
             return
-        heappush(self._early, (stamp_s, force_n))
+        heappush(self._early, (stamp_s, force_n, error_m))
         moved_s = _moved_s(self._evaluation)
         while self._early and self._early[0][0] <= moved_s:
             self._take(*heappop(self._early))
         if len(self._early) > RING:
             self._early.pop()
 
-    def _take(self, stamp_s: float, force_n: float) -> None:
+    def _take(self, stamp_s: float, force_n: float, error_m: float) -> None:
         n = _take(self._knowledge, self._evaluation, stamp_s, force_n)
         if n == _WORSE_THAN_NOTHING:
             self._begin_anew()
             n = _take(self._knowledge, self._evaluation, stamp_s, force_n)
         if n >= 0:
-            self._fit_contact(stamp_s, n % RING, force_n)
+            self._fit_contact(stamp_s, n % RING, force_n, error_m)
 
-    def _fit_contact(self, stamp_s: float, place: int, force_n: float) -> None:
+    def _fit_contact(self, stamp_s: float, place: int, force_n: float, error_m: float) -> None:
         x_m, v_m_s, a_m_s2 = self._evaluation["stage"][0, place].tolist()
-        self._fit.observe(stamp_s, x_m, v_m_s, a_m_s2, force_n)
+        self._fit.observe(stamp_s, x_m + error_m, v_m_s, a_m_s2, force_n)
         if self._fitting is not None:
             fitting, result = self._fitting
             if stamp_s >= fitting.takes_effect_s and result.done():

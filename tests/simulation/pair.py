@@ -84,7 +84,7 @@ def heard_in(loop: VirtualLoopback) -> Heard:
 
 class Cable:
     """A link of one delay that holds everything back (`stalls`) or loses it (`cuts`) in spans of time,
-    in s of the virtual clock.
+    in s of the virtual clock, and a share of all (`loss`).
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -92,11 +92,14 @@ class Cable:
         self.delay_s = DELAY_S
         self.stalls: list[tuple[float, float]] = []
         self.cuts: list[tuple[float, float]] = []
+        self.loss = 0.0
+        self._random = Random("cable")
 
     def plan(self, now_ns: int) -> tuple[int, ...]:
         del now_ns  # of the host
         now_s = self._clock.now_ns() / S
-        if any(start <= now_s < end for start, end in self.cuts):
+        lost = self.loss > 0.0 and self._random.random() < self.loss
+        if lost or any(start <= now_s < end for start, end in self.cuts):
             return ()
         waits_s = [end - now_s for start, end in self.stalls if start <= now_s < end]
         return (round((max(waits_s, default=0.0) + self.delay_s) * S),)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from forefeel.common.causes.model import SCHEMA
-from forefeel.common.topics import HAPTICS
+from forefeel.common.topics import FORCE, HAPTICS
 from forefeel.loopback.plan import LoopbackOptions, Plan, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.master.passivity import PassivityLimit
@@ -25,14 +25,14 @@ def _felt(source: str) -> tuple[float, float]:
     return heard.column(HAPTICS, "energy_j").min(), float(np.sqrt(np.mean(speed_m_s[-4000:] ** 2)))
 
 
-def _plan(source: str) -> Plan:
+def _plan(source: str, stiffness_n_m: float = WALL_N_M, limit_n: float = 40.0) -> Plan:
     plan = make_plan(LoopbackOptions(seed=1, impairment="paper"))
     slave, master = plan.slave["axes"][0], plan.master["axes"][0]
-    wall = {"mass_kg": 0.01, "damping_n_s_m": 0.4, "stiffness_n_m": WALL_N_M}
+    wall = {"mass_kg": 0.01, "damping_n_s_m": 0.4, "stiffness_n_m": stiffness_n_m}
     effects = [{"effect": "mass_damper_spring", "parameters": wall}]
     slave["simulation"]["contact"] = {"schema": SCHEMA, "name": "wall", "effects": effects}
     slave["simulation"]["load_cell"] = {"full_scale_n": 50.0}
-    slave["limits"] = master["limits"] = {"max_force_n": 40.0}
+    slave["limits"] = master["limits"] = {"max_force_n": limit_n}
     master["rendering"] = {"max_force_n": 8.0, "max_slew_n_s": 200.0, "source": source}
     master["handle"] |= {"home_m": 0.0, "depth_m": 0.015}
     return replace(plan, duration_s=10.0)
@@ -52,3 +52,18 @@ def test_the_predicted_force_is_passive() -> None:
     lowest_j, speed_m_s = _felt("predicted")
     assert lowest_j > -1e-3
     assert speed_m_s < 0.015
+
+
+def test_the_prediction_knows_what_the_slaves_force_limit_leaves_of_a_command() -> None:
+    """A wall of 1000 N/m, of which the limit leaves 2 mm where the hand asks for more."""
+    loop = VirtualLoopback(_plan("predicted", 1000.0, limit_n=2.0), seed=1)
+    loop.run(lambda _done_s: None)
+    heard = heard_in(loop)
+    predicted = {sample.sequence: sample for sample in heard.messages(HAPTICS)}
+    samples = [sample for sample in heard.messages(FORCE) if sample.answers_sequence in predicted][-4000:]
+    assert sum(sample.force_limited for sample in samples) > 500
+    expected = [predicted[sample.answers_sequence or 0] for sample in samples]
+    rows = [(p.predicted_n or 0.0, p.zoh_n or 0.0, s.force_n) for p, s in zip(expected, samples, strict=True)]
+    *both, true_n = np.array(rows).T
+    predicted_n, held_n = (np.sqrt(np.mean((n - true_n) ** 2)) for n in both)
+    assert predicted_n < 0.085 * held_n

@@ -5,7 +5,7 @@ from itertools import pairwise
 import pytest
 
 from forefeel.common.errors import DeviceError
-from forefeel.common.messages import MOST_COUNT, MOST_FORCE_N
+from forefeel.common.messages import MOST_COUNT, MOST_FORCE_N, PROTOCOL_VERSION
 from forefeel.common.settings import AxisLimits, settings_hash, shared_text
 from forefeel.master.handle import HandleReading
 from forefeel.master.session import SessionState
@@ -26,6 +26,14 @@ def test_it_asks_with_its_settings_and_sends_nothing_else_before_the_answer() ->
     assert (asked.role, asked.session_id, asked.settings) == ("master", 101, SHARED)
     assert asked.settings_hash == settings_hash(SHARED)
     assert (rig.commands, rig.haptics, rig.beats) == ([], [], [])
+
+
+def test_a_slave_of_another_protocol_is_not_believed_and_named() -> None:
+    rig = Rig()
+    rig.axis.serve(rig.now_ns)
+    rig.answer(protocol=5, shared=SHARED.replace(f'"protocol": {PROTOCOL_VERSION}', '"protocol": 5'))
+    cause = rig.axis.session.cause(rig.now_ns)
+    assert cause.startswith(f"settings differ: protocol: {PROTOCOL_VERSION} here, 5 there: ")
 
 
 def test_an_accepting_slave_with_other_settings_is_not_believed() -> None:

@@ -1,12 +1,14 @@
 """The live prediction on a drive that lags and a contact that imports nothing of the predictor."""
 
-from math import pi
+from math import cos, pi, sin
 
 import numpy as np
 import pytest
 
 from forefeel.common.causes.model import SCHEMA, ContactModel
+from forefeel.common.estimation.evaluator import Estimate
 from forefeel.common.estimation.learner import Learner
+from forefeel.common.limiter import MotionLimiter
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
 from forefeel.master.prediction import ExpectedSetpoint, ForcePrediction, IdentificationTask
@@ -14,6 +16,7 @@ from tests.unit.dashboard.said import force
 from tests.unit.test_stage_lag import Drive, _reach
 
 MS = 1_000_000
+MS_S = 1e-3
 DELAY = 300
 LIMITS = AxisLimits(workspace_m=(-0.1, 0.2), max_velocity_m_s=1.0, max_acceleration_m_s2=50.0)
 SPRING = ContactModel.from_mapping(
@@ -83,6 +86,36 @@ def test_the_setpoint_is_what_the_shared_limits_leave_of_the_command() -> None:
     assert np.abs(np.diff(speeds_m_s)).max() <= 5.0e-3 * (1 + 1e-6)
     assert positions_m[-1] == pytest.approx(0.05, abs=1e-9)
     assert setpoint.follow(701 * MS, 0.01, 0.0, deadman=False) == 0.01
+
+
+def test_what_the_slaves_force_limit_left_corrects_the_setpoint_expected() -> None:
+    """A hand goes 10 mm into a wall that begins at 2 mm and bears 1 N/mm, and back. The master knows the wall
+    1.5 s later than the slave, whose limit leaves 3 mm of it.
+    """
+    limits = AxisLimits(max_force_n=3.0, stiffest_wall_n_m=1000.0)
+    slave, expected, samples = MotionLimiter(limits, 5.0), ExpectedSetpoint(limits), list[ForceSample]()
+    errors_m, setpoint_m = list[float](), expected.follow(0, 0.0, 0.0, deadman=False)
+    for n in range(1, 4000):
+        asked_m, velocity_m_s = 5e-3 * (1 - cos(pi / 2 * n * MS_S)), 2.5e-3 * pi * sin(pi / 2 * n * MS_S)
+        slave.follow(asked_m, velocity_m_s, 1000.0 * max(0.0, slave.position_m - 2e-3), MS_S)
+        left = {"setpoint_m": slave.position_m, "force_limited": slave.force_limited}
+        samples.append(force(n, n * MS, (n, n * MS), **left))
+        if n > DELAY:
+            expected.correct(samples[n - 1 - DELAY], asked_m)
+        known_n = 1000.0 * max(0.0, setpoint_m - 2e-3) if n > 1500 else 0.0
+        belief = Estimate(known_n, known_n, known_n)
+        setpoint_m = expected.follow(n * MS, asked_m, velocity_m_s, deadman=True, expected=belief)
+        errors_m.append(slave.position_m - setpoint_m)
+        if slave.force_limited:
+            assert expected.error_m(samples[-1]) == errors_m[-1]
+    limited = [sample.force_limited for sample in samples]
+    assert (all(limited[1200:2500]), any(limited[3000:])) == (True, False)
+    assert errors_m[1400] < -2e-3
+    assert np.abs(errors_m[1500 + 2 * DELAY :]).max() < 5e-5
+    lie = samples[2000].model_copy(update={"setpoint_m": 10.0, "answers_stamp_ns": 3999 * MS})
+    assert lie.force_limited
+    expected.correct(lie, 0.0)
+    assert expected.follow(4000 * MS, 0.0, 0.0, deadman=True) <= limits.workspace_m[1]
 
 
 def test_a_force_of_the_open_fixture_is_not_learned_from() -> None:

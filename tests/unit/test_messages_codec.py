@@ -140,7 +140,10 @@ def test_the_message_of_another_topic_is_refused() -> None:
 
 
 def test_another_protocol_is_refused_and_named() -> None:
-    assert refusal(MotionCommand, command(protocol=1)) == "MotionCommand: protocol 1, this end speaks 5"
+    assert (
+        refusal(MotionCommand, command(protocol=1))
+        == f"MotionCommand: protocol 1, this end speaks {PROTOCOL_VERSION}"
+    )
 
 
 def test_a_handshake_of_another_protocol_is_read_so_that_it_can_be_answered() -> None:

@@ -113,17 +113,22 @@ def test_the_file_says_what_the_mcap_specification_asks_for(tmp_path: Path) -> N
 def test_a_run_that_another_program_wrote_again_is_read(
     tmp_path: Path, compression: CompressionType, chunked: bool
 ) -> None:
-    """Compressed chunks, or none, foreign channels, and a channel twice."""
+    """Compressed chunks, or none, foreign channels, a channel twice, and a force of protocol 5."""
+    older = force(1, protocol=5)
+    payloads = [
+        force(0).model_dump_json(), None, older.model_dump_json(exclude={"setpoint_m", "force_limited"})
+    ]  # fmt: skip
     with (tmp_path / "run.mcap").open("wb") as file:
         writer = Writer(file, compression=compression, use_chunking=chunked)
         writer.start()
         keys = [FORCE.key(CELL, AXIS), "camera", FORCE.key(CELL, AXIS)]
-        for key, payload in zip(keys, [force(0), None, force(1)], strict=True):
-            data = payload.model_dump_json().encode() if payload else b"\x00"
+        for key, payload in zip(keys, payloads, strict=True):
+            data = payload.encode() if payload else b"\x00"
             writer.add_message(writer.register_channel(key, "json", 0), 1, data, 1)
         writer.finish()  # type: ignore[no-untyped-call]
     run = Run(tmp_path / "run.mcap")
-    assert list(run.messages(AXIS, FORCE)) == [force(0), force(1)]
+    assert list(run.messages(AXIS, FORCE)) == [force(0), older]
+    assert np.isnan(run.column(AXIS, FORCE, "setpoint_m")).all()
     assert run.axes == (AXIS,)
 
 

@@ -6,7 +6,7 @@ import pytest
 
 from forefeel.common import topics
 from forefeel.common.codec import encode
-from forefeel.common.messages import MOST_QUANTITY, Grip, SafetyState
+from forefeel.common.messages import MOST_QUANTITY, PROTOCOL_VERSION, Grip, SafetyState
 from forefeel.common.settings import settings_hash
 from tests.unit.slave_rig import SESSION, SHARED, SlaveRig
 
@@ -33,6 +33,15 @@ def test_settings_that_are_no_settings_are_refused_in_one_line(settings: str) ->
     assert answer.reason.startswith("settings differ: ")
     assert answer.reason.isprintable()
     assert rig.shake(SESSION + 1).accepted
+
+
+def test_a_master_of_another_protocol_is_refused_in_one_line() -> None:
+    rig = SlaveRig()
+    rig.axis.open(rig.now_ns)
+    older = SHARED.replace(f'"protocol": {PROTOCOL_VERSION}', '"protocol": 5')
+    answer = rig.shake(protocol=5, settings=older, settings_hash=settings_hash(older))
+    assert not answer.accepted
+    assert answer.reason.startswith(f"settings differ: protocol: {PROTOCOL_VERSION} here, 5 there: ")
 
 
 def test_a_jump_to_the_largest_number_of_a_command_refuses_the_others_and_is_told() -> None:

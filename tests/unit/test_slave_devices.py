@@ -235,7 +235,8 @@ def answered(*stamps_ns: int | None) -> list[ForceSample]:
     listener.subscribe(topics.FORCE, lambda sample, _: heard.append(sample))
     answers = ForcePublisher(bus.publisher(topics.FORCE))
     for tick in range(1, 11):
-        answers.note(Instant(tick * MS, StageReading(tick * 1e-6, 1e-3), command(tick), Grip.CLOSED))
+        limits = tick * 2e-6, tick > 3
+        answers.note(Instant(tick * MS, StageReading(tick * 1e-6, 1e-3), command(tick), Grip.CLOSED, *limits))
     for number, stamp_ns in enumerate(stamps_ns):
         answers.send(LoadCellReading(0.1 * number, number, True, stamp_ns), 1, None)
     return heard
@@ -253,6 +254,7 @@ def test_readings_of_a_batch_find_their_own_ticks() -> None:
     assert [s.stamp_ns for s in samples] == [3 * MS, 3 * MS + MS // 4, 7 * MS]
     assert [s.position_m for s in samples] == pytest.approx([3e-6, 3.25e-6, 7e-6], abs=1e-12)
     assert [s.raw_counts for s in samples] == [0, 1, 2]
+    assert [(s.setpoint_m, s.force_limited) for s in samples] == [(6e-6, False), (8e-6, True), (14e-6, True)]
 
 
 def test_a_reading_from_before_all_that_is_remembered_belongs_to_the_oldest() -> None:
