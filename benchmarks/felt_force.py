@@ -142,6 +142,32 @@ TRUE = tuple(
 )
 
 
+@dataclass(frozen=True, slots=True)
+class LimitedRow(Row):
+    """At a force limit that the hand reaches. `loss`: share of the messages. `stage_hz`: of its bandwidth."""
+
+    loss: float = 0.0
+    stalls_s: tuple[tuple[float, float], ...] = ()
+    stage_hz: float = 25.0
+
+    def plan(self, seed: int = SEED, prior_dir: Path | None = None) -> Plan:
+        plan = Row.plan(self, seed, prior_dir)
+        slave, master = plan.slave["axes"][0], plan.master["axes"][0]
+        slave["limits"] = master["limits"] = {"max_force_n": 3.0}
+        slave["simulation"]["stage"] = {"bandwidth_hz": self.stage_hz}
+        return plan
+
+
+STALLS_S = tuple((1.0 + 0.4 * n, 1.05 + 0.4 * n) for n in range(round(DURATION_S / 0.4)))
+LIMITED = (
+    *(LimitedRow(f"limit 3 N, {wall:g} N/m 300 ms", wall, 0.3) for wall in (300.0, 1000.0, 3000.0)),
+    LimitedRow("limit 3 N, 1000 N/m 300 ms, 10 % lost", 1000.0, 0.3, loss=0.1),
+    LimitedRow("limit 3 N, 1500 N/m 450 ms", 1500.0, 0.45),
+    LimitedRow("limit 3 N, 1000 N/m 300 ms, stalls of 50 ms", 1000.0, 0.3, stalls_s=STALLS_S),
+    LimitedRow("limit 3 N, 3000 N/m 300 ms, stage of 8 Hz", 3000.0, 0.3, stage_hz=8.0),
+)
+
+
 class Actuator:
     """Takes the place of a handle's `read` and `render`, and keeps what was read and applied in each tick."""
 
@@ -200,6 +226,8 @@ class Felt:
         for cable in (pair.to_slave, pair.to_master):
             cable.delay_s = row.round_trip_s / 2
             cable.cuts = [(1.0 + start_s, 1.0 + end_s) for start_s, end_s in row.cuts_s]
+            if isinstance(row, LimitedRow):
+                cable.stalls, cable.loss = list(row.stalls_s), row.loss
         pair.run(JUMP_S)
         if row.later_s is not None:
             pair.to_slave.delay_s = pair.to_master.delay_s = row.later_s / 2
@@ -309,7 +337,7 @@ def main(words: list[str]) -> None:
         "stage behind, mm",
     ]  # fmt: skip
     table = Table(heads, "python -m benchmarks.felt_force")
-    for row, seed in product((*ROWS, *HANDS, *LATE_ROWS, *HELD, *TRUE), seeds):
+    for row, seed in product((*ROWS, *HANDS, *LATE_ROWS, *LIMITED, *HELD, *TRUE), seeds):
         if not parts or any(part in row.name for part in parts):
             felt = Felt(row, seed)
             table.add([row.name, seed, *cells(felt.actuator, felt.again(), felt.trace(), row.late)])
