@@ -151,7 +151,7 @@ class ForcePrediction:
         return self._expected
 
     def react(self, reaction: Reaction) -> None:
-        self._setpoint.react(reaction)
+        self.setpoint.react(reaction)
 
     def stamp_s(self, sample: ForceSample) -> float | None:
         """Stamp of the command that a force answers; None where it is not valid, or the fixture was open."""
