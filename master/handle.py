@@ -15,6 +15,7 @@ from forefeel.common.messages import (
     Grip,
     SafetyState,
 )
+from forefeel.master.polarity import PolarityCheck
 
 
 class HandleDriverSettings(DriverSettings):
@@ -101,8 +102,15 @@ class Handle(Protocol):
         ...
 
 
+_REVERSED = (
+    "handle = motor reversed: it pushes the hand along where it should resist; "
+    "expected the wires of its motor exchanged, and a new start"
+)
+
+
 class HandleWatch:
-    """Reads and renders; a fault releases the deadman at once and keeps it released until the re-arming.
+    """Reads and renders; a fault releases the deadman at once and keeps it released until the re-arming. A
+    motor that is reversed is a fault that stays.
 
     The person re-arms: lets the deadman go and presses it again once the handle answers. `re_armed` is called
     then, and the reading of that tick still has the deadman released: from it the clutch takes where the hand
@@ -116,6 +124,7 @@ class HandleWatch:
         self.fault: str | None = None
         self._handle, self._notices, self._re_armed = handle, notices, re_armed
         self._reading = HandleReading(0.0, 0.0, False)
+        self._polarity = PolarityCheck()
 
     def read(self, now_ns: int) -> HandleReading:
         """The handle's reading; of one that has failed the last, at rest and let go."""
@@ -135,13 +144,17 @@ class HandleWatch:
     def render(self, force_n: float, now_ns: int) -> float:
         """The force as applied: 0 by a handle that has failed."""
         try:
-            return self._handle.render(force_n, now_ns)
+            applied_n = self._handle.render(force_n if self.fault is None else 0.0, now_ns)
         except DeviceError as error:
             self._fail(error)
             return 0.0
+        if self.fault is None and self._polarity.is_reversed(self._reading.position_m, applied_n):
+            self.fault = _REVERSED
+            self._notices.add(_REVERSED)
+        return applied_n
 
     def _re_arm(self) -> bool:
-        if not self._handle.pressed_anew:
+        if self.fault == _REVERSED or not self._handle.pressed_anew:
             return False
         self._handle.rearm()
         self.fault = None
