@@ -67,10 +67,11 @@ class StoredPrior(_Keys):
 
 
 class Start(NamedTuple):
-    """What a session starts from, and in one line where it is from."""
+    """What a session starts from, in one line where it is from, and whose it is."""
 
     prior: ContactPrior
     origin: str
+    patient: str
 
 
 def prior_path(directory: Path, instrument: str, patient: str) -> Path:
@@ -127,13 +128,13 @@ def nearest(directory: Path, instrument: str, patient: str) -> Start | None:
     """
     own = load_prior(prior_path(directory, instrument, patient))
     if own is not None:
-        return Start(widened(own.prior(), 1.0), f"{instrument}, patient {patient}: {own.amount}")
+        return Start(widened(own.prior(), 1.0), f"{instrument}, patient {patient}: {own.amount}", patient)
     others = [found for path in sorted(directory.glob(f"{instrument}/*.json")) if (found := load_prior(path))]
     if not others:
         return None
     newest = max(others, key=lambda other: (other.date, other.contact_s))
     origin = f"{instrument}, of another patient, {newest.patient}: {newest.amount}"
-    return Start(widened(newest.prior(), _OTHER_PATIENT), origin)
+    return Start(widened(newest.prior(), _OTHER_PATIENT), origin, newest.patient)
 
 
 def keep_prior(

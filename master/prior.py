@@ -25,7 +25,9 @@ def load(wanted: PredictionSettings) -> tuple[ContactPrior | None, str]:
         return None, f"none, refused: {error}"
     if start is None:
         return None, f"none yet of {wanted.instrument}"
-    return start
+    if start.patient != wanted.patient and not wanted.accept_prior:
+        return None, f"none; to start from that of {start.origin}, type --accept-prior"
+    return start.prior, start.origin
 
 
 def suspicion(learner: Learner) -> str:

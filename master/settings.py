@@ -31,13 +31,14 @@ class PredictionSettings(Settings):
 
     `model`: a model.yaml of `forefeel diagnose`. `prior_dir`: a folder, relative to this file, that keeps
     what was learned of each `instrument` in each `patient` (a pseudonym) for the next session with them;
-    null: nothing is kept.
+    null: nothing is kept. `accept_prior`: starts from that of another patient where there is no other.
     """
 
     model: ExistingFile | None = None
     prior_dir: Annotated[Path, AfterValidator(beside_the_file)] | None = None
     instrument: Key | None = None
     patient: Key | None = None
+    accept_prior: bool = False
 
     @model_validator(mode="after")
     def _of_whom(self) -> Self:
@@ -107,6 +108,13 @@ class MasterSettings(DaemonSettings):
     role: Literal["master"] = "master"
     peer_timeout_s: Annotated[float, Field(gt=0, le=86_400)] | None = 60.0
     axes: Annotated[tuple[MasterAxisSettings, ...], Field(min_length=1)] = (MasterAxisSettings(),)
+
+    def accepting_prior(self) -> Self:
+        """With the person's yes to a prior of another patient, on every axis."""
+        change = {"accept_prior": True}
+        changed = [(axis, axis.prediction.model_copy(update=change)) for axis in self.axes]
+        axes = tuple(axis.model_copy(update={"prediction": prediction}) for axis, prediction in changed)
+        return self.model_copy(update={"axes": axes})
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from forefeel.commands.options import (
+    AcceptPrior,
     AsJson,
     Duration,
     ForceColumn,
@@ -63,6 +64,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     patient: Annotated[
         str | None, typer.Option(metavar="NAME", help="With --prior-dir: the patient; default simulated.")
     ] = None,
+    accept_prior: AcceptPrior = False,
     hide: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="model.yaml of effects that are added to the simulated world."),
@@ -103,6 +105,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         master_model=master_model,
         prior_dir=prior_dir,
         patient=patient,
+        accept_prior=accept_prior,
         hide=hide,
         hide_at_s=hide_at,
         hardware=hardware,

@@ -28,6 +28,9 @@ Insecure = Annotated[
     bool,
     typer.Option("--insecure", help="Do without certificates outside this host; never with a real stage."),
 ]
+AcceptPrior = Annotated[
+    bool, typer.Option("--accept-prior", help="Start from another patient's prior where there is no other.")
+]
 Duration = Annotated[
     float | None, typer.Option("--duration", min=0.0, help="End after this many seconds.", metavar="S")
 ]

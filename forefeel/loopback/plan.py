@@ -54,6 +54,7 @@ class LoopbackOptions:
     hide_at_s: float = 0.0
     prior_dir: Path | None = None
     patient: str | None = None
+    accept_prior: bool = False
     hardware: str = "simulated"
 
 
@@ -149,6 +150,7 @@ def make_plan(options: LoopbackOptions) -> Plan:
             prior_dir=str(options.prior_dir.resolve()),
             instrument=options.preset or _DEFAULT_PRESET,
             patient=options.patient or "simulated",
+            accept_prior=options.accept_prior,
         )
     link = {"inbound": options.impairment, "seed": options.seed}
     return Plan(
@@ -170,8 +172,9 @@ def _check(options: LoopbackOptions) -> None:
         raise ConfigurationError(f"--duration {options.duration_s:g}: expected 0.5 to 86400 s")
     if options.prior_dir is not None and options.prior_dir.exists() and not options.prior_dir.is_dir():
         raise ConfigurationError(f"--prior-dir {options.prior_dir}: is a file; expected a folder")
-    if options.patient is not None and options.prior_dir is None:
-        raise ConfigurationError(f"--patient {options.patient}: expected only with --prior-dir")
+    if options.prior_dir is None and (options.patient is not None or options.accept_prior):
+        option = "--accept-prior" if options.patient is None else f"--patient {options.patient}"
+        raise ConfigurationError(f"{option}: expected only with --prior-dir")
 
 
 def _axes(options: LoopbackOptions) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -80,6 +80,7 @@ BAD: list[tuple[str, tuple[str, ...], dict[str, str]]] = [
     (f"{LOOPBACK} --hide-at 3", ("--hide-at 3", "--hide"), {}),
     (f"{LOOPBACK} --hide @/m.yaml --hide-at -1", ("--hide-at -1", "0 to"), {"m.yaml": BIAS}),
     (f"{LOOPBACK} --hide @/m.yaml", ("second contact effect",), {"m.yaml": CONTACT}),
+    (f"{LOOPBACK} --accept-prior", ("--accept-prior", "--prior-dir"), {}),
     (f"{LOOPBACK} --patient B", ("--patient B", "--prior-dir"), {}),
     (f"{LOOPBACK} --prior-dir @/priors --patient B.json", ("patient = 'B.json'",), {}),
     (f"{LOOPBACK} --prior-dir @/f", ("--prior-dir", "is a file"), {"f": "precious"}),

@@ -10,7 +10,7 @@ from forefeel.common.estimation.contact_prior import ContactPrior
 from forefeel.common.estimation.learner import Learner
 from forefeel.common.prior_file import load_prior
 from forefeel.master.prior import keep, load, objection, suspicion
-from forefeel.master.settings import PredictionSettings
+from forefeel.master.settings import MasterAxisSettings, MasterSettings, PredictionSettings
 
 LEARNED = ContactPrior(("mass_damper_spring.stiffness_n_m",), (7.5,), ((0.01,),), 12.0)
 DAY = date(2025, 3, 1)
@@ -63,9 +63,13 @@ def test_what_one_session_keeps_the_next_starts_from(tmp_path: Path) -> None:
     own, origin = load(wanted(tmp_path))
     assert own is not None and own.values == pytest.approx(LEARNED.values)
     assert origin == "catheter, patient A: 1 session, 12 s of contact"
-    other, origin = load(wanted(tmp_path, "B"))
+    cold, why = load(wanted(tmp_path, "B"))
+    assert cold is None
+    assert "another patient, A" in why and "--accept-prior" in why
+    settings = MasterSettings(axes=(MasterAxisSettings(prediction=wanted(tmp_path, "B")),)).accepting_prior()
+    other, origin = load(settings.axes[0].prediction)
     assert other is not None and other.standard_deviations > own.standard_deviations
-    assert "another patient" in origin
+    assert origin.startswith("catheter, of another patient, A")
 
 
 def test_bad_session_changes_nothing(tmp_path: Path) -> None:

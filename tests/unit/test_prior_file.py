@@ -57,6 +57,7 @@ def test_another_patient_starts_from_the_newest_widened(tmp_path: Path) -> None:
     assert found.prior.values == newest.values
     assert found.prior.standard_deviations[0] > widened(newest, 1.5).standard_deviations[0]
     assert found.origin == "catheter, of another patient, new: 1 session, 8 s of contact"
+    assert found.patient == "new"
 
 
 def test_nothing_known_is_none(tmp_path: Path) -> None:
