@@ -135,8 +135,8 @@ class AxisSettings(Settings):
                 named["no hardware"].append(f"{slot} ({device.driver})")
             elif getattr(device, "calibration", self) is None:
                 named["uncalibrated"].append(slot)
-        named["unsafe"] = [f"{key} = {attrgetter(key)(self)}" for key in self.unsafe]
-        return tuple(f"{what}: {', '.join(each)}"[:256] for what, each in named.items() if each)
+        without = [f"{what}: {', '.join(slots)}"[:256] for what, slots in named.items() if slots]
+        return (*without, *(f"unsafe: {key} = {attrgetter(key)(self)}" for key in dict.fromkeys(self.unsafe)))
 
     @model_validator(mode="after")
     def _protects(self) -> Self:

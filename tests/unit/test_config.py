@@ -291,7 +291,7 @@ def test_what_switches_a_protection_off_needs_its_name_in_unsafe(role: str, key:
 
 
 def test_what_an_axis_does_without_stands_in_one_list() -> None:
-    axis = {**REAL, "gate": {"lease_s": 5}, "unsafe": ["gate.lease_s"]}
+    axis = {**REAL, "gate": {"lease_s": 5}, "unsafe": ["gate.lease_s"] * 300}
     assert checked(SlaveSettings, {"axes": [axis]}, "f").axes[0].caveats == (
         "no hardware: gripper (simulated)", "uncalibrated: stage, load_cell", "unsafe: gate.lease_s = 5.0",
     )  # fmt: skip
