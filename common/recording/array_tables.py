@@ -219,19 +219,14 @@ def matlab(path: Path) -> ArrayTable:
     Raises:
         RecordingError: unreadable, damaged, or no table in it.
     """
-    from scipy.io import loadmat, whosmat  # noqa: PLC0415 - slow to import
+    from scipy.io import loadmat  # noqa: PLC0415 - slow to import
 
     with opened(path) as file:
         if b"\x89HDF\r\n" in file.read(1024):
             return hdf5(path)
         with reading(path, "a MATLAB file", "scipy"):
             file.seek(0)
-            if 0 in file.read(4):  # of level 4
-                file.seek(0)
-                require_room(path, sum(8 * prod(shape) for _, shape, _ in whosmat(file)))
-            else:
-                file.seek(0)
-                require_matlab_room(path, file)
+            require_matlab_room(path, file)
             file.seek(0)
             variables = _flat(loadmat(file, simplify_cells=True))
     return _table(path, variables)

@@ -17,6 +17,8 @@ _OBJECT_BYTES = 128  # of an empty array of numpy
 def require_matlab_room(path: Path, file: BinaryIO) -> None:
     """Raises RecordingError where its variables, with what cells and structures hold, have no room."""
     head, size = file.read(128), 0
+    if 0 in head[:4]:  # of level 4, which packs nothing
+        return
     order = "<" if head[126:] == b"IM" else ">"
     while tag := file.read(8):
         kind, length = struct.unpack(f"{order}II", tag)

@@ -21,6 +21,7 @@ _UNITS = {"force": "N", "torque": "Nm", "position": "m"}
 Size = tuple[int, int, float]
 """Of a field: its least bytes in a file, those in memory then, and the most for each further one."""
 _BASE, _NAME, _ARRAY = 1, 2, 3  # Nodetype of rosbags
+_PACKED = {"64": 8, "32": 4, "16": 2, "ng": 4}  # bytes by the end of a primitive's name, a string's length
 _OBJECT_BYTES = 200  # of a number, a text or a message in Python with what holds it
 _CODE_BYTES = 4096  # of the code that reads an element of an array of fixed length (measured)
 _MOST_ELEMENTS = 32  # of an array in a message that become columns
@@ -139,7 +140,7 @@ def _require_message(path: Path, kind: str, packed: int, definitions: Any, sizes
 def _size(field: Any, definitions: Any, sizes: dict[str, Size]) -> Size:  # noqa: ANN401 - of rosbags
     node, of = field
     if node == _BASE:
-        return 4 if of[0] == "string" else 1, _OBJECT_BYTES, 4.0  # a character takes up to 4
+        return _PACKED.get(of[0][-2:], 1), _OBJECT_BYTES, 4.0  # a character takes up to 4
     if node == _NAME:
         if of not in sizes:
             sizes[of] = 0, 0, inf  # of a kind that holds itself
@@ -149,7 +150,7 @@ def _size(field: Any, definitions: Any, sizes: dict[str, Size]) -> Size:  # noqa
         return sizes[of]
     element, count = of
     if element[0] == _BASE and element[1][0] != "string":
-        return 0, _OBJECT_BYTES, 1.0  # an array of numpy, whose bytes are in the file
+        return count if node == _ARRAY else 4, _OBJECT_BYTES, 1.0  # of numpy, its bytes are in the file
     packed, memory, expansion = _size(element, definitions, sizes)
     if node == _ARRAY:  # is read by code that has lines for each element
         return count * packed, count * (memory + _CODE_BYTES), expansion
