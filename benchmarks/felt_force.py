@@ -34,8 +34,8 @@ from benchmarks.bilateral import PEERS, Peer, Trace, simulate
 from benchmarks.markdown import Table
 from forefeel.common.causes.model import SCHEMA
 from forefeel.common.clock import VirtualClock
-from forefeel.common.estimation.evaluator import Estimate, Snapshot
-from forefeel.common.messages import ForceSample, MotionCommand, within
+from forefeel.common.estimation.evaluator import Estimate
+from forefeel.common.messages import MotionCommand, within
 from forefeel.common.topics import COMMAND, FORCE, HAPTICS
 from forefeel.loopback.plan import LoopbackOptions, Plan, make_plan
 from forefeel.master.daemon import make_handle
@@ -243,20 +243,14 @@ class Felt:
         prediction, twin = self._pair.master.axes[0]._loop.prediction, self._twin()
         predict = prediction.predict
 
-        def true(
-            stamp_ns: int,
-            position_m: float,
-            velocity_m_s: float,
-            deadman: bool,
-            snapshot: Snapshot,
-            newest: ForceSample | None,
-        ) -> Estimate | None:
+        def true(*motion_and_learned: Any) -> Estimate | None:  # noqa: ANN401 - see `ForcePrediction.predict`
+            stamp_ns, position_m, velocity_m_s, deadman = motion_and_learned[:4]
             command = MotionCommand(
                 session_id=0, sequence=0, stamp_ns=stamp_ns,
                 position_m=position_m, velocity_m_s=velocity_m_s, deadman=deadman,
             )  # fmt: skip
             force_n = twin.force_n(command)
-            predicted = predict(stamp_ns, position_m, velocity_m_s, deadman, snapshot, newest)
+            predicted = predict(*motion_and_learned)
             return None if predicted is None else predicted._replace(force_n=force_n)
 
         vars(prediction).update(predict=true)

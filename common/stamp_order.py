@@ -7,10 +7,8 @@ _LEAD_NS = 20_000_000
 the paper's jitter of +-15 ms a message is hardly ever that much faster than the fastest of a second."""
 _MEMORY_NS = 1_000_000_000  # time constant with which a slower way replaces the fastest transit
 _AGREEMENT_NS = 100_000_000  # by which the transits of a row may differ: three times that jitter
-_ROW, _ROW_NS = (
-    3,
-    50_000_000,
-)  # messages over at least 50 ms: a cell of 10 Hz takes .2 s, a stream of 1 kHz 51 ms
+_ROW, _ROW_NS = 3, 50_000_000
+"""Messages, over at least 50 ms: a cell of 10 Hz takes 0.2 s for them, a stream of 1 kHz 51 ms."""
 
 
 class Order(Enum):

@@ -144,7 +144,7 @@ class MasterAxis:
         if state.state in HALTED:
             self.faulted = True
         if len(state.reaction_s) == len(Reaction._fields):
-            self._loop.prediction.react(Reaction(*state.reaction_s))
+            self._loop.prediction.setpoint.react(Reaction(*state.reaction_s))
 
     def _begin_orders(self) -> None:
         self._forces, self._answers, self._states = StampOrder(backwards=True), StampOrder(), StampOrder()

@@ -39,10 +39,9 @@ class MasterEvents(AxisEvents):
         if not self._is_new(event):
             return
         counter = f"limit_{event.rule}"
-        new = counter not in self._counters
-        self._counters["limit_other" if new and len(self._counters) >= _MOST_RULES else counter] += (
-            event.count
-        )
+        if counter not in self._counters and len(self._counters) >= _MOST_RULES:
+            counter = "limit_other"
+        self._counters[counter] += event.count
         if event.rule in REFUSALS:
             self._repeat("slave_refused", event.rule, event.count)
         if event.rule == ROUND_TRIP:

@@ -130,10 +130,12 @@ class PassivityLimit:
 
     def _guarded_n(self, most_n: float, into_m_s: float, velocity_m_s: float) -> float:
         """The largest size up to `most_n` with 2 L <= C + 0.9 mJ; `into_m_s`: velocity against that force."""
+        forces_n = list(self._forces_n)
         gains = []  # of each tick j: m that a force gives to, and the energy / T that those on their way give
         for tick in range(1, self._pending + 1):
-            faster_m_s, sent_n = tick * _MOST_M_S2 * _TICK_S, list(self._forces_n)[tick:]
-            sent_w = max([0.0, *(abs(force_n) * faster_m_s - force_n * velocity_m_s for force_n in sent_n)])
+            faster_m_s = tick * _MOST_M_S2 * _TICK_S
+            given = (abs(force_n) * faster_m_s - force_n * velocity_m_s for force_n in forces_n[tick:])
+            sent_w = max([0.0, *given])
             gains.append((max(0.0, faster_m_s - into_m_s), sent_w))
         # L is convex and piecewise linear in the force: Newton's steps from above stay above, and are few
         while most_n > 0.0:

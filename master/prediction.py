@@ -150,9 +150,6 @@ class ForcePrediction:
         self._expected = self.evaluator.predict()
         return self._expected
 
-    def react(self, reaction: Reaction) -> None:
-        self.setpoint.react(reaction)
-
     def stamp_s(self, sample: ForceSample) -> float | None:
         """Stamp of the command that a force answers; None where it is not valid, or the fixture was open."""
         stamp_ns, origin_ns = sample.answers_stamp_ns, self._origin_ns

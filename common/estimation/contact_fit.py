@@ -351,7 +351,8 @@ class _Solver:
 
     def _independent(self, columns: Array, rms: Array) -> Array:
         """Independent values that each column of phi rests on: (sum z^2)^2 / sum z^4 of its rows."""
-        fourth = np.einsum("ij,ij->j", (columns / rms) ** 2, (columns / rms) ** 2)
+        squares = (columns / rms) ** 2
+        fourth = np.einsum("ij,ij->j", squares, squares)
         return np.asarray(self._count**3 / len(self._y) / np.maximum(fourth, 1e-12))
 
     def _rms(self, columns: Array) -> Array:
