@@ -16,7 +16,7 @@ from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.common.hardware.driver import SLOTS, DriverSettings, Slot
 from forefeel.common.messages import MOST_FORCE_N, MOST_VELOCITY_M_S, PROTOCOL_VERSION, Position
 from forefeel.common.recording.units import Mapping
-from forefeel.common.topics import checked_segment
+from forefeel.common.topics import Role, checked_segment
 from forefeel.common.transport.settings import ImpairmentSettings, TransportSettings
 
 
@@ -212,16 +212,20 @@ class DaemonSettings(Settings):
     impairment: LinkImpairment = LinkImpairment()
     realtime: RealtimeSettings = RealtimeSettings()
     state: StateSettings = StateSettings()
+    role: Role
+    axes: tuple[AxisSettings, ...]
 
     @property
     def real_stage(self) -> bool:
-        """Whether a stage that is not simulated is configured."""
-        return False
+        """Whether a stage that is not simulated is configured; an emulated one counts as real."""
+        return any("stage" in axis.sections and axis.sections["stage"].hardware for axis in self.axes)
 
-
-def require_distinct(names: list[str]) -> None:
-    if len(set(names)) != len(names):
-        raise ValueError(f"axes: names {names}: expected each name once")
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        names = [axis.name for axis in self.axes]
+        if len(set(names)) != len(names):
+            raise ValueError(f"axes: names {names}: expected each name once")
+        return self
 
 
 def shared_text(cell: str, axis: str, limits: AxisLimits) -> str:

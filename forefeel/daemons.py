@@ -284,10 +284,9 @@ def _process(settings: DaemonSettings, role: Role, host: Host | None, connect: C
         heeded(lambda: loop.call_soon_threadsafe(runtime.stop)),
         StateFolder(state_path(settings, role, os.environ)) as folder,
     ):
-        axes = [axis["name"] for axis in settings.model_dump(include={"axes"}).get("axes", ())]
-        facts = _facts(settings, role)
+        axes = [axis.name for axis in settings.axes]
         sink = StateEventSink(folder, runtime.clock, axes, settings.state.flight_records, runtime.host.worker)
-        sink.start(facts)
+        sink.start(_facts(settings))
         process, reason = None, ""
         try:
             with ControlSocket(folder.path, role) as control:
@@ -418,9 +417,7 @@ def _described(settings: "SlaveSettings | MasterSettings") -> str:
     ways = {
         "axes": [axis.name + axis.limits.meaning for axis in settings.axes],
         "with": [f"{axis.name} {each}" for axis in settings.axes for each in axis.caveats],
-        "impairment injected": []
-        if settings.impairment == LinkImpairment()
-        else ["into this end's messages"],
+        "impairment injected": ["into this end's messages"] * (settings.impairment != LinkImpairment()),
         "listening on": transport.listen,
         "connecting to": transport.connect,
         "certificates in": [str(transport.pki)] if transport.pki else [],
@@ -432,14 +429,14 @@ def _why(runtime: RealRuntime) -> str:
     return "stopping" if runtime.error is None else f"stopping, fault: {runtime.error}"
 
 
-def _facts(settings: DaemonSettings, role: str) -> dict[str, str]:
+def _facts(settings: DaemonSettings) -> dict[str, str]:
     """What stands in the first line of the event log."""
     try:
         software = version("forefeel")
     except PackageNotFoundError:  # run from a source tree
         software = "not installed"
     return {
-        "role": role,
+        "role": settings.role,
         "cell": settings.cell,
         "software": software,
         "drivers": "; ".join(f"{each.name} {each.driver.origin}" for each in configured(settings)),

@@ -52,7 +52,7 @@ class MasterDaemon:
             for axis in settings.axes
         ]
         self.axes = [
-            _axis(settings.cell, axis, bus, new_id, runtime, event_sink)
+            _axis(settings, axis, bus, new_id, runtime, event_sink)
             for axis, bus in zip(settings.axes, buses, strict=True)
         ]
         with ExitStack() as opened:  # closed again when the daemon can not be composed
@@ -122,7 +122,7 @@ class MasterDaemon:
 
 
 def _axis(
-    cell: str,
+    daemon: MasterSettings,
     settings: MasterAxisSettings,
     bus: Bus,
     new_id: Callable[[], int],
@@ -130,7 +130,7 @@ def _axis(
     event_sink: EventSink,
 ) -> MasterAxis:
     wanted = settings.prediction
-    prior, origin = load(wanted)
+    prior, origin = load(wanted, daemon.accept_prior)
     model = None if wanted.model is None else load_model(wanted.model)
     prediction = ForcePrediction(settings.limits)
     identification = IdentificationTask(
@@ -139,7 +139,7 @@ def _axis(
     delay_s = settings.handle.actuator_delay_s
     loop = HapticLoop(prediction, settings.rendering, settings.limits, delay_s)
     handle = make_handle(settings.handle, runtime.clock)
-    return MasterAxis(cell, settings, handle, loop, identification, bus, new_id, event_sink, origin)
+    return MasterAxis(daemon.cell, settings, handle, loop, identification, bus, new_id, event_sink, origin)
 
 
 def make_handle(settings: HandleDriverSettings, clock: Clock) -> Handle:

@@ -13,9 +13,9 @@ _SUSPECT_S, _SUSPECT = 3.0, 1.7
 """After 3 s of contact a gain of 2 reads 1.8 to 2.0, one of 1/2 0.51 to 0.52, a right one 0.99 to 1.02."""
 
 
-def load(wanted: PredictionSettings) -> tuple[ContactPrior | None, str]:
+def load(wanted: PredictionSettings, accept_other: bool) -> tuple[ContactPrior | None, str]:
     """(what the session starts from, in one line what it is); None where it starts cold, and why. The line is
-    empty where the settings name no folder.
+    empty where the settings name no folder. `accept_other`: a prior of another patient will do.
     """
     if wanted.prior_dir is None or wanted.instrument is None or wanted.patient is None:
         return None, ""
@@ -25,7 +25,7 @@ def load(wanted: PredictionSettings) -> tuple[ContactPrior | None, str]:
         return None, f"none, refused: {error}"
     if start is None:
         return None, f"none yet of {wanted.instrument}"
-    if start.patient != wanted.patient and not wanted.accept_prior:
+    if start.patient != wanted.patient and not accept_other:
         return None, f"none; to start from that of {start.origin}, type --accept-prior"
     return start.prior, start.origin
 

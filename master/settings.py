@@ -14,7 +14,6 @@ from forefeel.common.settings import (
     Bound,
     DaemonSettings,
     ExistingFile,
-    require_distinct,
 )
 from forefeel.common.topics import FORCE
 from forefeel.common.transport.exposure import on_loopback
@@ -31,14 +30,13 @@ class PredictionSettings(Settings):
 
     `model`: a model.yaml of `forefeel diagnose`. `prior_dir`: a folder, relative to this file, that keeps
     what was learned of each `instrument` in each `patient` (a pseudonym) for the next session with them;
-    null: nothing is kept. `accept_prior`: starts from that of another patient where there is no other.
+    null: nothing is kept.
     """
 
     model: ExistingFile | None = None
     prior_dir: Annotated[Path, AfterValidator(beside_the_file)] | None = None
     instrument: Key | None = None
     patient: Key | None = None
-    accept_prior: bool = False
 
     @model_validator(mode="after")
     def _of_whom(self) -> Self:
@@ -102,23 +100,16 @@ class MasterAxisSettings(AxisSettings):
 
 class MasterSettings(DaemonSettings):
     """deploy/config/master.yaml. `peer_timeout_s`: how long a slave that does not answer is waited for; null:
-    for ever.
+    for ever. `accept_prior`: an axis starts from the prior of another patient where there is no other.
     """
 
     role: Literal["master"] = "master"
     peer_timeout_s: Annotated[float, Field(gt=0, le=86_400)] | None = 60.0
+    accept_prior: bool = False
     axes: Annotated[tuple[MasterAxisSettings, ...], Field(min_length=1)] = (MasterAxisSettings(),)
 
-    def accepting_prior(self) -> Self:
-        """With the person's yes to a prior of another patient, on every axis."""
-        change = {"accept_prior": True}
-        changed = [(axis, axis.prediction.model_copy(update=change)) for axis in self.axes]
-        axes = tuple(axis.model_copy(update={"prediction": prediction}) for axis, prediction in changed)
-        return self.model_copy(update={"axes": axes})
-
     @model_validator(mode="after")
-    def _distinct(self) -> Self:
-        require_distinct([axis.name for axis in self.axes])
+    def _own_priors(self) -> Self:
         wanted = [axis.prediction for axis in self.axes if axis.prediction.prior_dir is not None]
         if len({(each.prior_dir, each.instrument, each.patient) for each in wanted}) < len(wanted):
             raise ValueError("axes: two keep one prior; expected another instrument for each")

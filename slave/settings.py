@@ -16,7 +16,6 @@ from forefeel.common.settings import (
     AxisSettings,
     Bound,
     DaemonSettings,
-    require_distinct,
 )
 from forefeel.common.topics import COMMAND
 from forefeel.slave.gripper import GripperDriverSettings
@@ -151,13 +150,3 @@ class SlaveSettings(DaemonSettings):
 
     role: Literal["slave"] = "slave"
     axes: Annotated[tuple[SlaveAxisSettings, ...], Field(min_length=1)] = (SlaveAxisSettings(),)
-
-    @model_validator(mode="after")
-    def _distinct(self) -> Self:
-        require_distinct([axis.name for axis in self.axes])
-        return self
-
-    @property
-    def real_stage(self) -> bool:
-        """Whether a stage that is not simulated is configured; an emulated one counts as real."""
-        return any(axis.stage.hardware for axis in self.axes)

@@ -1,13 +1,8 @@
 """`forefeel master`."""
 
-from typing import TYPE_CHECKING, cast
-
 from forefeel.commands.options import AcceptPrior, DaemonConfig, Duration, Insecure, Quiet, examples
 from forefeel.daemon_settings import load_daemon
 from forefeel.terminal import output, suggest
-
-if TYPE_CHECKING:
-    from forefeel.master.settings import MasterSettings
 
 
 @examples("forefeel master --config deploy/config/master.yaml")
@@ -21,6 +16,8 @@ def master(
     from forefeel.daemons import run_daemon  # noqa: PLC0415 - the help needs none of it
 
     with output(quiet=quiet):
-        settings = cast("MasterSettings", load_daemon(config, "master"))
+        settings = load_daemon(config, "master")
         suggest("estop", head="to stop it, from another terminal", config=config)
-        run_daemon(settings.accepting_prior() if accept_prior else settings, duration, insecure)
+        if accept_prior:
+            settings = settings.model_copy(update={"accept_prior": True})
+        run_daemon(settings, duration, insecure)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Literal, cast
+from typing import Literal
 
 from forefeel.common.errors import ConfigurationError, EndpointError
 from forefeel.common.lateness import FEW_MISSED
@@ -92,10 +92,9 @@ def _load(files: Sequence[Path]) -> dict[Role, DaemonSettings]:
     loaded: dict[Role, DaemonSettings] = {}
     for path in files:
         settings = load_daemon(path)
-        role = cast(Role, getattr(settings, "role", "slave"))
-        if role in loaded:
-            raise ConfigurationError(f"--config {path}: another {role}; expected one of each role")
-        loaded[role] = settings
+        if settings.role in loaded:
+            raise ConfigurationError(f"--config {path}: another {settings.role}; expected one of each role")
+        loaded[settings.role] = settings
     return loaded
 
 
@@ -175,7 +174,7 @@ def check_network(role: Role, settings: DaemonSettings, host: HostProbe) -> Iter
     ]
     way = TransportSettings(mode=transport.mode, connect=(*transport.connect, *local), pki=transport.pki)
     secured = Party(observer, (settings.cell,)) if transport.pki is not None else None
-    axes = [axis.name for axis in getattr(settings, "axes", ())]
+    axes = [axis.name for axis in settings.axes]
     yield from check_clocks(host.states(way, secured, settings.cell, axes))
 
 
@@ -234,7 +233,7 @@ def check_devices(
 
 def check_caveats(settings: DaemonSettings) -> Iterator[Finding]:
     """What is simulated, uncalibrated or relaxed beside hardware."""
-    for axis in getattr(settings, "axes", ()):
+    for axis in settings.axes:
         for caveat in axis.caveats if any(device.hardware for device in axis.sections.values()) else ():
             advice = "name a device, calibrate it, drop it from unsafe; or mean it so"
             yield Finding("devices", f"{axis.name} settings", "amber", caveat, advice)

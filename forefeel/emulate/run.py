@@ -21,10 +21,8 @@ from forefeel.devices.emulation.bench import Emulation, Load, SerialBench, Surro
 from forefeel.devices.emulation.pty import Pty, PtyServer
 from forefeel.devices.shared.settings import CanSettings
 from forefeel.interrupt import heeded
-from forefeel.master.settings import MasterSettings
 from forefeel.probe.configured import configured
 from forefeel.slave.plant.settings import WorldSettings, preset
-from forefeel.slave.settings import SlaveSettings
 from forefeel.terminal import complain, suggest
 
 _PRIORITY = 60  # of SCHED_FIFO, above the daemons' loops: the device stands for hardware of its own
@@ -122,7 +120,6 @@ def section(
             )
         return emulation.settings(driver, options.port), preset("catheter")
     daemon = load_daemon(options.config)
-    assert isinstance(daemon, SlaveSettings | MasterSettings)
     devices = [each for each in configured(daemon) if options.axis in (None, each.axis)]
     device = next((each for each in devices if each.driver == driver), None)
     if device is None:

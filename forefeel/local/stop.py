@@ -141,9 +141,8 @@ def caller_of(config: Path, insecure: bool) -> Caller:
     if not isinstance(settings, DaemonSettings):
         assert isinstance(settings, ObserverSettings)
         return Caller(settings.transport, "viewer", settings.cell, insecure)
-    own = settings.model_dump(include={"role": True, "axes": {"__all__": {"name"}}})
-    axes = tuple(axis["name"] for axis in own["axes"])
-    return Caller(_towards(settings), own["role"], settings.cell, insecure, axes)
+    axes = tuple(axis.name for axis in settings.axes)
+    return Caller(_towards(settings), settings.role, settings.cell, insecure, axes)
 
 
 def viewer(

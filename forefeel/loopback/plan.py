@@ -150,12 +150,11 @@ def make_plan(options: LoopbackOptions) -> Plan:
             prior_dir=str(options.prior_dir.resolve()),
             instrument=options.preset or _DEFAULT_PRESET,
             patient=options.patient or "simulated",
-            accept_prior=options.accept_prior,
         )
-    link = {"inbound": options.impairment, "seed": options.seed}
+    both = {"cell": CELL, "impairment": {"inbound": options.impairment, "seed": options.seed}}
     return Plan(
-        slave={"cell": CELL, "impairment": link, "axes": [slave_axis]},
-        master={"cell": CELL, "impairment": link, "axes": [master_axis]},
+        slave={**both, "axes": [slave_axis]},
+        master={**both, "axes": [master_axis], "accept_prior": options.accept_prior},
         duration_s=duration_s,
         expected_s=expected_s,
         notes=notes,

@@ -4,14 +4,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.hardware.driver import (
-    SLOTS,
-    DriverSettings,
-    InstalledDriver,
-    Slot,
-    driver_of,
-    imported,
-)
+from forefeel.common.hardware.driver import InstalledDriver, Slot, driver_of, imported
 from forefeel.common.settings import DaemonSettings
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.shared.settings import SerialSettings
@@ -44,13 +37,11 @@ class ConfiguredDevice(NamedTuple):
 
 
 def configured(settings: DaemonSettings) -> list[ConfiguredDevice]:
-    found = []
-    for axis in getattr(settings, "axes", ()):
-        for slot in SLOTS:
-            section: DriverSettings | None = getattr(axis, slot, None)
-            if section is not None:
-                found.append(ConfiguredDevice(axis.name, section, driver_of(slot, section)))
-    return found
+    return [
+        ConfiguredDevice(axis.name, section, driver_of(slot, section))
+        for axis in settings.axes
+        for slot, section in axis.sections.items()
+    ]
 
 
 def import_drivers(settings: DaemonSettings) -> None:

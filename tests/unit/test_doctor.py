@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from forefeel.common.settings import DaemonSettings
 from forefeel.common.transport.security import Party, PartyFiles
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.doctor import examine as doctor
@@ -86,7 +85,7 @@ def worst(found: Iterator[Finding]) -> Level:
 
 def network(mode: str = "peer", **changed: object) -> Iterator[Finding]:
     transport = {"connect": ["tcp/a:1"], "mode": mode}
-    settings = DaemonSettings.model_validate({"transport": transport})
+    settings = SlaveSettings.model_validate({"transport": transport})
     return doctor.check_network("master", settings, FakeHost(**changed))  # type: ignore[arg-type]
 
 
@@ -117,7 +116,7 @@ TABLE: list[tuple[str, Level, Callable[[], Iterator[Finding]]]] = [
     ("not reached", "red", lambda: network(reached=NO_ANSWER)),
     ("router for a peer", "red", lambda: network(heard=Heard(hint="a router answers there"))),
     ("nobody heard", "amber", lambda: network(heard=Heard(error="no router answers"))),
-    ("no endpoint", "red", lambda: doctor.check_network("slave", DaemonSettings(), FakeHost())),
+    ("no endpoint", "red", lambda: doctor.check_network("slave", SlaveSettings(), FakeHost())),
     ("clock good", "green", lambda: clock(5 * MS, 999_999)),
     ("clock acceptable", "green", lambda: clock(5 * MS, 10 * MS)),
     ("clock poor", "amber", lambda: clock(5 * MS, 10 * MS + 1)),
@@ -178,7 +177,7 @@ def test_certificates_are_valid_and_name_the_host(
     (tmp_path / "pki" / "ca.key").unlink()
     if "pki" in transport:
         transport = {**transport, "pki": tmp_path / transport["pki"]}
-    settings = DaemonSettings.model_validate({"cell": "c", "transport": transport})
+    settings = SlaveSettings.model_validate({"cell": "c", "transport": transport})
     assert worst(doctor.check_certificates("slave", settings, FakeHost(NOW + timedelta(days=days)))) == level
 
 
@@ -188,7 +187,7 @@ def test_clocks_are_asked_over_the_daemons_own_way() -> None:
         {"connect": ["tcp/a:1"], "listen": ["tcp/0.0.0.0:7447"]},
         {"mode": "client", "connect": ["tcp/a:1"]},
     ):
-        list(doctor.check_network("slave", DaemonSettings.model_validate({"transport": transport}), host))
+        list(doctor.check_network("slave", SlaveSettings.model_validate({"transport": transport}), host))
     peer, client = host.asked
     assert (peer.mode, peer.connect, peer.listen) == ("peer", ("tcp/a:1", "tcp/127.0.0.1:7447"), ())
     assert (client.mode, client.connect) == ("client", ("tcp/a:1",))

@@ -10,7 +10,7 @@ from forefeel.common.estimation.contact_prior import ContactPrior
 from forefeel.common.estimation.learner import Learner
 from forefeel.common.prior_file import load_prior
 from forefeel.master.prior import keep, load, objection, suspicion
-from forefeel.master.settings import MasterAxisSettings, MasterSettings, PredictionSettings
+from forefeel.master.settings import PredictionSettings
 
 LEARNED = ContactPrior(("mass_damper_spring.stiffness_n_m",), (7.5,), ((0.01,),), 12.0)
 DAY = date(2025, 3, 1)
@@ -58,16 +58,15 @@ def test_gain_off_by_two_is_a_suspicion(gain: float, says: str) -> None:
 
 
 def test_what_one_session_keeps_the_next_starts_from(tmp_path: Path) -> None:
-    assert load(wanted(tmp_path)) == (None, "none yet of catheter")
+    assert load(wanted(tmp_path), False) == (None, "none yet of catheter")
     assert keep(wanted(tmp_path), Session(0.5), False, DAY).startswith("kept: catheter, patient A")
-    own, origin = load(wanted(tmp_path))
+    own, origin = load(wanted(tmp_path), False)
     assert own is not None and own.values == pytest.approx(LEARNED.values)
     assert origin == "catheter, patient A: 1 session, 12 s of contact"
-    cold, why = load(wanted(tmp_path, "B"))
+    cold, why = load(wanted(tmp_path, "B"), False)
     assert cold is None
     assert "another patient, A" in why and "--accept-prior" in why
-    settings = MasterSettings(axes=(MasterAxisSettings(prediction=wanted(tmp_path, "B")),)).accepting_prior()
-    other, origin = load(settings.axes[0].prediction)
+    other, origin = load(wanted(tmp_path, "B"), True)
     assert other is not None and other.standard_deviations > own.standard_deviations
     assert origin.startswith("catheter, of another patient, A")
 
@@ -85,12 +84,12 @@ def test_spoiled_file_is_a_cold_start_that_says_why(tmp_path: Path) -> None:
     path = tmp_path / "catheter" / "A.json"
     path.parent.mkdir()
     path.write_text("{")
-    assert load(wanted(tmp_path)) == (None, f"none, refused: {path}: not JSON; expected a prior")
+    assert load(wanted(tmp_path), False) == (None, f"none, refused: {path}: not JSON; expected a prior")
     assert keep(wanted(tmp_path), Session(0.5), False, DAY).startswith(f"not kept: {path}: ")
     assert path.read_text() == "{"
 
 
 def test_without_a_folder_nothing_is_kept(tmp_path: Path) -> None:
     nobody = PredictionSettings(instrument="catheter", patient="A")
-    assert load(nobody) == (None, "")
+    assert load(nobody, False) == (None, "")
     assert keep(nobody, Session(0.5), False, DAY) == ""

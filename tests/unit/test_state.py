@@ -12,10 +12,10 @@ import pytest
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.config import checked
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.event_log import EventLog, StateEventSink
 from forefeel.common.state.folder import EVENTS, LATCHED, StateFolder, holder, state_path
 from forefeel.common.state.latch import Latch, latched
+from forefeel.slave.settings import SlaveSettings
 from tests.stepped import SteppedWorker
 
 MOVED = ("engaging", "armed", "stopping")
@@ -82,14 +82,14 @@ def test_folder_of_another_user_is_refused(tmp_path: Path) -> None:
 
 
 def test_state_path_follows_settings_and_environment() -> None:
-    settings = DaemonSettings(cell="lab")
+    settings = SlaveSettings(cell="lab")
     home = {"XDG_STATE_HOME": "/xdg"}
     assert state_path(settings, "slave", home) == Path("/xdg/forefeel/lab-slave")
     assert state_path(settings, "slave", {**home, "STATE_DIRECTORY": "/var/lib/a:/b"}) == Path(
         "/var/lib/a/lab-slave"
     )
     assert state_path(settings, "master", {}) == Path.home() / ".local/state/forefeel/lab-master"
-    named = checked(DaemonSettings, {"state": {"directory": "st"}}, "x", directory=Path("/conf"))
+    named = checked(SlaveSettings, {"state": {"directory": "st"}}, "x", directory=Path("/conf"))
     assert state_path(named, "slave", home) == Path("/conf/st")
 
 
