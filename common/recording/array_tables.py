@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from functools import partial
 from math import prod
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -65,25 +65,19 @@ def reading(path: Path, what: str, package: str) -> Iterator[None]:
 
 
 def table_of(columns: Any) -> ArrayTable:  # noqa: ANN401 - arrays by name, or a DataFrame of pandas
-    """Arrays by name."""
-    return ArrayTable(*_plain({str(name): np.asarray(columns[name]) for name in columns.keys()}))  # noqa: SIM118
+    """Arrays of numbers and of dates by name; anything else is left out."""
+    arrays = {str(name): np.asarray(columns[name]) for name in columns.keys()}  # noqa: SIM118
+    dates = {name: "s" for name, values in arrays.items() if values.dtype.kind == "M"}
+    usable = {name: values for name, values in arrays.items() if values.dtype.kind in "iufbM"}
+    return ArrayTable({name: partial(_floats, values) for name, values in usable.items()}, dates)
 
 
-def _plain(arrays: Mapping[str, Any]) -> tuple[dict[str, Callable[[], Array]], dict[str, str]]:
-    """Numbers as float64, dates in s since 1970; the units of dates. Anything else is left out."""
-    found, units = dict[str, Callable[[], Array]](), dict[str, str]()
-    for name, values in arrays.items():
-        if values.dtype.kind == "M":
-            found[name] = _given(_seconds(values))
-            units[name] = "s"
-        elif values.dtype.kind in "iufb":
-            found[name] = _given(values.astype(np.float64))
-    return found, units
-
-
-def _seconds(stamps: Any) -> Array:  # noqa: ANN401 - of any unit
-    seconds: Array = stamps.astype("datetime64[ns]").astype(np.int64) * 1e-9
-    return seconds
+def _floats(values: Any) -> Array:  # noqa: ANN401 - numbers, or dates of any unit
+    """Numbers as float64, dates in s since 1970."""
+    if values.dtype.kind == "M":
+        values = values.astype("datetime64[ns]").astype(np.int64) * 1e-9
+    numbers: Array = values.astype(np.float64)
+    return numbers
 
 
 # --- spreadsheets ---
@@ -96,12 +90,7 @@ def spreadsheet(path: Path) -> TextTable:
         RecordingError: not installed, no spreadsheet, or one that unpacks to more than is allowed.
     """
     text, notes = _as_text(path)
-
-    @contextmanager
-    def source(_path: Path) -> Iterator[BinaryIO]:
-        yield io.BytesIO(text)
-
-    table = TextTable(path, source)
+    table = TextTable(path, lambda _: io.BytesIO(text))
     table.notes += notes
     return table
 
@@ -141,8 +130,7 @@ def parquet(path: Path) -> ArrayTable:
     Raises:
         RecordingError: unreadable, or no Parquet file.
     """
-    from pyarrow import types  # noqa: PLC0415 - slow to import
-    from pyarrow.parquet import ParquetFile  # noqa: PLC0415
+    from pyarrow.parquet import ParquetFile  # noqa: PLC0415 - slow to import
 
     columns: dict[str, Callable[[], Array]] = {}
     units: dict[str, str] = {}
@@ -151,24 +139,22 @@ def parquet(path: Path) -> ArrayTable:
         for field in whole.schema_arrow:
             kind = str(field.type)
             if kind.startswith(_LISTS):
-                of = field.type.value_type
-                elements = (
-                    _elements(path, whole, field.name) if types.is_integer(of) or types.is_floating(of) else 0
-                )
-                columns |= {f"{field.name}[{i}]": _reader(path, field.name, i) for i in range(elements)}
+                for i in range(_elements(path, whole, field)):
+                    columns[f"{field.name}[{i}]"] = partial(_parquet_column, path, field.name, i)
             elif not kind.startswith(("struct", "map", "binary")):
-                columns[field.name] = _reader(path, field.name)
+                columns[field.name] = partial(_parquet_column, path, field.name)
                 units |= {field.name: "s"} if kind.startswith(("timestamp", "duration", "time")) else {}
     return ArrayTable(columns, units)
 
 
-def _reader(path: Path, name: str, element: int | None = None) -> Callable[[], Array]:
-    return lambda: _parquet_column(path, name, element)
+def _elements(path: Path, whole: Any, field: Any) -> int:  # noqa: ANN401 - of pyarrow
+    """Length of the first list of numbers in a column."""
+    from pyarrow import types  # noqa: PLC0415
 
-
-def _elements(path: Path, whole: Any, name: str) -> int:  # noqa: ANN401 - of pyarrow
-    _require_column(path, whole.metadata, name)
-    first = next(whole.iter_batches(1, columns=[name]), None)
+    if not (types.is_integer(field.type.value_type) or types.is_floating(field.type.value_type)):
+        return 0
+    _require_column(path, whole.metadata, field.name)
+    first = next(whole.iter_batches(1, columns=[field.name]), None)
     row = None if first is None or not len(first) else first.column(0)[0].values
     return 0 if row is None else min(len(row), _MOST_ELEMENTS)
 
@@ -185,7 +171,7 @@ def _require_column(path: Path, metadata: Any, name: str) -> None:  # noqa: ANN4
     require_room(path, sum(sizes), f", column {name!r}")
 
 
-def _parquet_column(path: Path, name: str, element: int | None) -> Array:
+def _parquet_column(path: Path, name: str, element: int | None = None) -> Array:
     """Read in batches, so that little but the column is held."""
     import pyarrow as arrow  # noqa: PLC0415 - slow to import
     from pyarrow import compute  # noqa: PLC0415
@@ -299,11 +285,7 @@ def _line(path: Path, values: Any, row: int | None = None) -> Array:  # noqa: AN
         values = np.squeeze(values[()])
     if row is not None:
         values = np.ascontiguousarray((values if values.shape[0] < values.shape[1] else values.T)[row])
-    return _seconds(values) if values.dtype.kind == "M" else values.astype(np.float64)
-
-
-def _given(values: Array) -> Callable[[], Array]:
-    return lambda: values
+    return _floats(values)
 
 
 # --- TDMS ---

@@ -95,7 +95,7 @@ def mistake(tmp_path: Path, text: str | bytes) -> str:
         ("name: !!python/object:os.system a\n", "1: 'tag:yaml.org,2002:python/object:os.system' is a tag"),
         ("name: !!timestamp x\n", "1: 'tag:yaml.org,2002:timestamp' is a tag"),
         ("! name: a\n", "1: '!' is a tag"),
-        (f"name: a\nratio: 0x{'f' * 5000}\n", "2: 5002 digits"),
+        (f"name: a\nratio: 0x{'f' * 5000}\n", " Exceeds the limit"),
         (f"name: a\nnotes: {'x' * 300}\n", "2: notes = "),
         ("name: a\0b\n", "1: "),
         (b"name: \xff\xfe\n", " not UTF-8 text"),
