@@ -14,10 +14,6 @@ KINDS = {type(None): "empty", list: "a list", str: "text"}
 """What stands where a mapping was expected, in words."""
 
 
-class _IndirectError(yaml.MarkedYAMLError):
-    """An alias or a tag where a value should stand."""
-
-
 class _Loader(yaml.SafeLoader):
     """Safe YAML that also reads 1e-3 as a number (YAML 1.2), as engineers write it.
 
@@ -30,7 +26,7 @@ class _Loader(yaml.SafeLoader):
         alias = self.check_event(yaml.AliasEvent)
         if alias or event.tag is not None:
             what = f"*{event.anchor} is an alias" if alias else f"{event.tag!r:.80} is a tag"
-            raise _IndirectError(None, None, what, event.start_mark)
+            raise yaml.MarkedYAMLError(None, None, what, event.start_mark)
         return super().compose_node(parent, index)
 
 
@@ -62,8 +58,7 @@ def load_yaml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
         mark = getattr(error, "problem_mark", None)
         line = mark.line + 1 if mark else 1
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not YAML"
-        expected = "the value itself" if isinstance(error, _IndirectError) else "YAML"
-        raise ConfigurationError(f"{path}:{line}: {problem}; expected {expected}") from error
+        raise ConfigurationError(f"{path}:{line}: {problem}; expected plain YAML") from error
     except (ValueError, RecursionError) as error:  # a date that is none; brackets a thousand deep
         raise ConfigurationError(f"{path}: {error}; expected YAML") from error
     if not isinstance(data, dict):

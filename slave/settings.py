@@ -73,7 +73,8 @@ class SlaveAxisSettings(AxisSettings):
 
     @property
     def bounds(self) -> tuple[Bound, ...]:
-        v_m_s, a_m_s2 = self.limits.max_velocity_m_s, self.limits.max_acceleration_m_s2
+        limits = self.limits
+        v_m_s, a_m_s2 = limits.max_velocity_m_s, limits.max_acceleration_m_s2
         stop_m_s2, silence_s = max(v_m_s / STOP_S, v_m_s**2 / (2 * STOP_M)), min(STOP_S, STOP_M / v_m_s)
         within = f"within {STOP_M * 1e3:g} mm and {STOP_S:g} s at max_velocity_m_s"
         return (
@@ -86,12 +87,7 @@ class SlaveAxisSettings(AxisSettings):
             ("gate.engage_ramp_s", v_m_s / a_m_s2, inf, "steeper than max_acceleration_m_s2"),
             ("limits.max_acceleration_m_s2", 0.0, v_m_s / (TICK_NS * 1e-9), "full speed in one tick"),
             ("limits.max_force_n", 0.0, _INSTRUMENT_N, "what instruments have to bear"),
-            (
-                "limits.stiffest_wall_n_m",
-                self.limits.max_force_n / _INDENTATION_M,
-                inf,
-                "10 mm before the limit",
-            ),
+            ("limits.stiffest_wall_n_m", limits.max_force_n / _INDENTATION_M, inf, "10 mm before the limit"),
         )
 
     def reaction(self, reading_s: float = 2 * TICK_NS * 1e-9) -> Reaction:

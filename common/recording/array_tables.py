@@ -2,6 +2,7 @@
 
 import csv
 import io
+import struct
 import warnings
 import zipfile
 import zlib
@@ -11,12 +12,11 @@ from contextlib import contextmanager
 from functools import partial
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from forefeel.common.errors import RecordingError
-from forefeel.common.recording.matlab_size import require_matlab_room
 from forefeel.common.recording.recording import Array, opened, reason_of, require_room, room_of, unpacked
 from forefeel.common.recording.text_table import TextTable
 
@@ -28,6 +28,10 @@ _CELL_BYTES = 8  # of a number in a spreadsheet, and at most of an empty cell
 _PART_WEIGHT = 16  # bytes in memory for a byte of styles or texts (17 to 120 measured with openpyxl 3.1)
 _LEAST_ROWS = 20  # of a sheet that is taken for a recording: other sheets hold what was set
 _MOST_DEFLATED = 1032  # bytes that one byte of zlib may unpack to (zlib's technical details)
+_MATRIX, _COMPRESSED = 14, 15  # kinds of elements of a MAT-file
+_TEXTS = {1: 0, 2: 2, 3: 3}  # elements before the matrices in a cell, a structure, an object; the last: names
+_OPAQUE = 17  # class of a matrix without dimensions
+_OBJECT_BYTES = 128  # of an empty array of numpy
 _LISTS = "list", "large_list", "fixed_size_list"
 _MOST_ELEMENTS = 64  # of a list in each row that become columns
 
@@ -212,10 +216,57 @@ def matlab(path: Path) -> ArrayTable:
             return hdf5(path)
         with reading(path, "a MATLAB file", "scipy"):
             file.seek(0)
-            require_matlab_room(path, file)
+            _require_matlab_room(path, file)
             file.seek(0)
             variables = _flat(loadmat(file, simplify_cells=True))
     return _table(path, variables)
+
+
+def _require_matlab_room(path: Path, file: BinaryIO) -> None:
+    """Bounds the variables of level 5, with what cells and structures hold, before scipy reads them.
+
+    Goes from element to element (MAT-File Format, MathWorks, chapter 1), whatever length a matrix states, as
+    scipy does.
+    """
+    head, size = file.read(128), 0
+    if 0 in head[:4]:  # of level 4, which packs nothing
+        return
+    order = "<" if head[126:] == b"IM" else ">"
+    while tag := file.read(8):
+        kind, length = struct.unpack(f"{order}II", tag)
+        data = file.read(length)
+        data = unpacked(path, zlib.decompressobj, data) if kind == _COMPRESSED else tag + data
+        size += _memory(memoryview(data), order)
+        require_room(path, size)
+
+
+def _memory(data: memoryview, order: str) -> int:
+    words, at, size = struct.Struct(f"{order}II"), 0, 0
+
+    def element() -> tuple[int, memoryview]:
+        nonlocal at
+        kind, length = words.unpack_from(data, at)
+        if small := kind >> 16:  # up to four bytes stand in the tag itself
+            at += 8
+            return kind & 0xFFFF, data[at - 4 : at - 4 + small]
+        body = data[at + 8 : at + 8 + length]
+        at += 8 if kind == _MATRIX else 8 + length + -length % 8
+        return kind, body
+
+    while at + 8 <= len(data):
+        kind, body = element()
+        size += _OBJECT_BYTES if kind == _MATRIX else len(body)
+        if kind != _MATRIX or not body:
+            continue
+        flags, _ = words.unpack_from(data, at + 8)
+        at += 16
+        if (of := flags & 0xFF) == _OPAQUE:
+            continue
+        _, dimensions = element()
+        count = prod(struct.unpack(f"{order}{len(dimensions) // 4}I", dimensions))
+        texts = [element()[1] for _ in range(1 + _TEXTS.get(of, 0))]
+        size += count * (_OBJECT_BYTES + 8 * len(texts[-1]) if of in _TEXTS else 8)
+    return size
 
 
 def hdf5(path: Path) -> ArrayTable:

@@ -1,12 +1,14 @@
 """The process that serves the page, until Ctrl-C or until the command that started it has told all."""
 
 import asyncio
+import math
 import os
 import socket
 import time
 import webbrowser
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Collection, Coroutine, Sequence
 from contextlib import closing, nullcontext, suppress
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -17,6 +19,7 @@ from starlette.responses import JSONResponse, Response
 from starlette.routing import BaseRoute, Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
+from uvicorn.protocols.http.h11_impl import H11Protocol
 
 from forefeel.child_process import die_with_parent, listening_at
 from forefeel.common.clock import Clock, MonotonicClock
@@ -28,7 +31,6 @@ from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.dashboard.admission import guard
 from forefeel.dashboard.chapter import Chapter
-from forefeel.dashboard.connections import Connection, overdue
 from forefeel.dashboard.sources import LiveCell
 from forefeel.dashboard.story import CONVERSATION, RESULTS, Story
 from forefeel.dashboard.vessel import VesselSettings
@@ -43,9 +45,10 @@ _POLL_S = 0.2  # s between two looks for an end
 _NICE = 5
 _LINGER_S = 10.0  # s that a page has for a reload when all is told
 _WAITING = 2048  # each holds on to the 4 KB that it came in; a starved viewer shows the newest, not all
-_BACKLOG = (
-    128  # connections accepted at a time: a quarter of `MOST_CONNECTIONS`, so that a request is read first
-)
+MOST_CONNECTIONS = 512  # of the 1024 files that most hosts allow a process; 16 browsers open at most 96
+HEAD_S = 10.0  # s that a request may take to arrive
+_NOTICE_S = 60.0  # s between two lines about connections that gave way
+_BACKLOG = MOST_CONNECTIONS // 4  # connections accepted at a time, so that a request is read first
 _STATIC = Path(__file__).parent / "static"
 # asked for anew with every load; nothing comes from elsewhere or stands inside another page
 _HEADERS = {
@@ -151,6 +154,50 @@ class StopButton:
             if not running:
                 break
         return JSONResponse({"heard": bool(states), "running": running})
+
+
+class Connection(H11Protocol):
+    """HTTP connection of uvicorn that gives way: one that asks nothing keeps nobody from the stop button.
+
+    It is silent until the head of its request is complete, and again once that is answered. A WebSocket is
+    none of these any more: `Story` bounds them, and ends one by `state.abort`.
+    """
+
+    _noticed_s = -math.inf  # by the class, for all connections
+    since_s: float  # when it connected, or was last answered
+
+    @property
+    def silent(self) -> bool:
+        return self.cycle is None or self.cycle.response_complete
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        self.since_s = self.loop.time()
+        oldest = displaced([peer for peer in self.connections if isinstance(peer, Connection)])
+        if oldest is not None:
+            self.connections.discard(oldest)  # its transport tells it only later
+            oldest.transport.abort()
+            if self.since_s - Connection._noticed_s > _NOTICE_S:
+                Connection._noticed_s = self.since_s
+                say(f"page: more than {MOST_CONNECTIONS} connections, the oldest silent ones are closed")
+        super().connection_made(transport)
+        # a WebSocket whose peer does not answer a close frame would stay for 10 s
+        self.app_state = self.app_state | {"abort": transport.abort}
+
+    def on_response_complete(self) -> None:
+        self.since_s = self.loop.time()
+        super().on_response_complete()
+
+
+def displaced(peers: Collection[Connection]) -> Connection | None:
+    """The one that gives way to a new one: the oldest silent one, or else the oldest. None: there is room."""
+    if len(peers) < MOST_CONNECTIONS:
+        return None
+    return min([peer for peer in peers if peer.silent] or peers, key=attrgetter("since_s"))
+
+
+def overdue(peers: Collection[Connection], now_s: float) -> list[Connection]:
+    """Those whose request does not arrive in time."""
+    return [peer for peer in peers if peer.silent and now_s - peer.since_s > HEAD_S]
 
 
 class _Server(uvicorn.Server):

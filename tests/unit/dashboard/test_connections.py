@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("uvicorn")
 
-from forefeel.dashboard.connections import HEAD_S, MOST_CONNECTIONS, Connection, displaced, overdue
+from forefeel.dashboard.server import HEAD_S, MOST_CONNECTIONS, Connection, displaced, overdue
 
 
 def peer(since_s: float, silent: bool = True) -> Connection:
