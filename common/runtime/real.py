@@ -49,6 +49,11 @@ class Host:
     """The machine that a runtime runs on: clock, threads, scheduling. Tests have one in stepped time."""
 
     worker: type[Worker] = Worker
+    in_thread = staticmethod(in_thread)
+    prepare_process = staticmethod(prepare_process)
+    prepare_thread = staticmethod(prepare_thread)
+    raise_threads = staticmethod(raise_threads)
+    keep_core = staticmethod(keep_core)
 
     def __init__(self) -> None:
         self.clock: Clock = MonotonicClock()
@@ -59,23 +64,8 @@ class Host:
     def timers(self, fault: OnFault) -> HostTimers:
         return TimerThread(self.clock, fault)
 
-    def in_thread(self, work: Callable[[], T], name: str) -> "Future[T]":
-        return in_thread(work, name)
-
     def gaps(self) -> Gaps:
         return Gaps(self.clock)
-
-    def prepare_process(self) -> str:
-        return prepare_process()
-
-    def prepare_thread(self, priority: int) -> str:
-        return prepare_thread(priority)
-
-    def raise_threads(self, priority: int) -> None:
-        raise_threads(priority)
-
-    def keep_core(self, highest: bool) -> None:
-        keep_core(highest)
 
 
 HOST = Host()

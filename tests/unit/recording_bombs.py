@@ -101,6 +101,13 @@ def _parquet(column: Callable[[], Any]) -> Callable[[Path], None]:
     return lambda path: pq.write_table(pa.table(dict.fromkeys(_NAMES, column())), path, compression="zstd")
 
 
+def _row_groups(path: Path) -> None:
+    batch = pa.table(dict.fromkeys(_NAMES, _zeros(2**20)))
+    with pq.ParquetWriter(path, batch.schema, compression="zstd") as writer:
+        for _ in range(64):
+            writer.write_table(batch)
+
+
 def _zeros(count: int) -> Any:  # noqa: ANN401 - of pyarrow
     return pa.DictionaryArray.from_arrays(pa.array(np.zeros(count, np.int32)), pa.array([0.0])).cast(
         "float64"
@@ -155,6 +162,7 @@ BOMBS: dict[str, tuple[Callable[[Path], None], str]] = {
     "zeros.mat": (_matlab(_matrix(6, (2**24, 1), _element(9, bytes(2**27)))), _UNPACKED),
     "bytes.mat": (_matlab(_matrix(6, (2**24, 1), _element(2, bytes(2**24)))), _UNPACKED),
     "cells.mat": (_matlab(_matrix(1, (20_000, 20_000), b"")), _UNPACKED),
+    "zeros.parquet": (_row_groups, f"column 'time_s': {2**29} {_UNPACKED}"),
     "list.parquet": (_parquet(_list), _UNPACKED),
     "struct.parquet": (_parquet(lambda: pa.StructArray.from_arrays([_list()], ["a"])), "no time"),
     "texts.parquet": (_parquet(lambda: _texts().cast(pa.string())), "expected at least 2"),

@@ -5,9 +5,6 @@ import sys
 from pathlib import Path
 
 import lz4.frame
-import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk
@@ -58,15 +55,6 @@ def bombs(folder: Path) -> list[tuple[str, Path]]:
     return found
 
 
-def table(path: Path, rows: int) -> Path:
-    zero = pa.DictionaryArray.from_arrays(pa.array(np.zeros(2**20, np.int32)), pa.array([0.0]))
-    batch = pa.table({name: zero.cast(pa.float64()) for name in ("time_s", "position_m")})
-    with pq.ParquetWriter(path, batch.schema, compression="zstd") as writer:
-        for _ in range(rows // 2**20):
-            writer.write_table(batch)
-    return path
-
-
 def refused(files: list[tuple[str, Path]]) -> list[str]:
     """The line that is said of each, in a process of its own that must not take much memory for it."""
     words = [sys.executable, "-c", _READ, *(str(word) for each in files for word in each)]
@@ -91,9 +79,3 @@ def test_files_that_libraries_expand(tmp_path: Path) -> None:
     for (name, (_, expected)), line in zip(BOMBS.items(), lines, strict=True):
         assert line.startswith(str(tmp_path / name)), line
         assert expected in line
-
-
-def test_a_table_that_unpacks_to_more_than_it_may(tmp_path: Path) -> None:
-    path = table(tmp_path / "zeros.parquet", 2**26)
-    (said,) = refused([("table", path)])
-    assert said.startswith(f"{path}, column 'time_s': {2**29} bytes when unpacked, allowed ")
