@@ -25,7 +25,6 @@ from forefeel.common.runtime.service_manager import ServiceManager, ServiceWatch
 from forefeel.common.settings import DaemonSettings, LinkImpairment
 from forefeel.common.state.event_log import StateEventSink
 from forefeel.common.state.folder import StateFolder, state_path
-from forefeel.common.topics import Role
 from forefeel.common.transport.parallel import ParallelTransport
 from forefeel.common.transport.security import Party
 from forefeel.control_socket import ControlSocket, MasterRequests, SlaveRequests
@@ -99,7 +98,7 @@ async def slave(
 ) -> None:
     from forefeel.slave.daemon import SlaveDaemon  # noqa: PLC0415 - each daemon loads only its own side
 
-    with _process(settings, "slave", host, connect) as process:
+    with _process(settings, host, connect) as process:
         runtime = process.runtime
         transport = await process.open_transport(insecure, duration_s)
         if transport is None:
@@ -134,7 +133,7 @@ async def master(
 ) -> None:
     from forefeel.master.daemon import MasterDaemon  # noqa: PLC0415 - as above
 
-    with _process(settings, "master", host, connect) as process:
+    with _process(settings, host, connect) as process:
         runtime = process.runtime
         transport = await process.open_transport(insecure, settings.peer_timeout_s)
         if transport is None:
@@ -160,7 +159,6 @@ class Process:
     """What a daemon holds from its start to its end; `end`: how it ended, for its event log."""
 
     settings: DaemonSettings
-    role: Role
     runtime: RealRuntime
     event_sink: StateEventSink
     socket: ControlSocket
@@ -170,7 +168,7 @@ class Process:
     notices: Mapping[str, Notices] = field(default_factory=dict)
 
     def say(self, text: str) -> None:
-        say(f"{self.role}: {text}")
+        say(f"{self.settings.role}: {text}")
 
     def answer_watch(self, whom: str, unheard: Callable[[], str]) -> AnswerWatch:
         return AnswerWatch(
@@ -192,7 +190,7 @@ class Process:
             settings.transport,
             runtime.clock,
             runtime.fault,
-            Party(self.role, (settings.cell,)),
+            Party(self.settings.role, (settings.cell,)),
             insecure=insecure,
             real_stage=settings.real_stage,
         )
@@ -223,7 +221,7 @@ class Process:
         """
         if priority := self.settings.realtime.priority:
             self.runtime.host.raise_threads(priority - _BELOW_THE_LOOP)
-            self.runtime.host.keep_core(highest=self.role == "slave")
+            self.runtime.host.keep_core(highest=self.settings.role == "slave")
 
     @contextmanager
     def closing(self, transport: ParallelTransport, kind: Callable[..., D]) -> Iterator[D]:
@@ -251,7 +249,7 @@ class Process:
         return watchdog
 
     def _tell_notices(self, _now_ns: int = 0) -> None:
-        tell_notices(self.role, self.notices, say)
+        tell_notices(self.settings.role, self.notices, say)
 
     def finish(self) -> None:
         """Says how the daemon ended.
@@ -265,7 +263,7 @@ class Process:
 
 
 @contextmanager
-def _process(settings: DaemonSettings, role: Role, host: Host | None, connect: Connect) -> Iterator[Process]:
+def _process(settings: DaemonSettings, host: Host | None, connect: Connect) -> Iterator[Process]:
     """Runtime, state folder and control socket of a daemon, in a process whose every thread is ahead of the
     machine's other work, below the loop, once its transport is open (docs/decisions/0008).
 
@@ -275,8 +273,8 @@ def _process(settings: DaemonSettings, role: Role, host: Host | None, connect: C
     Raises:
         ConfigurationError: the folder is in use, or a file can not be used.
     """
-    priority = settings.realtime.priority
-    runtime = RealRuntime(priority, host)
+    role = settings.role
+    runtime = RealRuntime(settings.realtime.priority, host)
     runtime.host.prepare_process()
     runtime.host.prepare_thread(0)
     loop = asyncio.get_running_loop()
@@ -293,7 +291,7 @@ def _process(settings: DaemonSettings, role: Role, host: Host | None, connect: C
                 other = {"slave": "master", "master": "slave"}[role]
                 expected = "router" if settings.transport.mode == "client" else other
                 find = probe_of(settings.transport, Party(role, (settings.cell,)), expected)
-                process = Process(settings, role, runtime, sink, control, find, connect)
+                process = Process(settings, runtime, sink, control, find, connect)
                 yield process
         except BaseException as error:
             reason = f"; {type(error).__name__}: {error}"

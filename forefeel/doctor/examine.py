@@ -71,36 +71,36 @@ def examine(
     """
     ends = _load(files)
     findings: list[Finding] = []
-    for role, settings in ends.items():
-        progress(f"{role}: certificates, network, clocks")
-        findings += check_certificates(role, settings, host)
-        findings += check_network(role, settings, host)
-        progress(f"{role}: devices, disk")
-        state = state_path(settings, role, environment)
-        findings += check_devices(role, settings, host.running(state), host)
+    for settings in ends:
+        progress(f"{settings.role}: certificates, network, clocks")
+        findings += check_certificates(settings, host)
+        findings += check_network(settings, host)
+        progress(f"{settings.role}: devices, disk")
+        state = state_path(settings, settings.role, environment)
+        findings += check_devices(settings, host.running(state), host)
         findings += check_caveats(settings)
         findings += check_force_limit(settings)
         findings += check_disk(state, host)
     versions = f"{metadata.version('forefeel')}, Python {platform.python_version()}"
     findings.append(Finding("versions", "forefeel", "green", versions))
     progress(f"real time, {LOOP_S:g} s")
-    priority = max((each.realtime.priority for each in ends.values()), default=_NO_FILE_PRIORITY)
+    priority = max((each.realtime.priority for each in ends), default=_NO_FILE_PRIORITY)
     return [*findings, *check_loop(host.loop(priority, LOOP_S), priority)]
 
 
-def _load(files: Sequence[Path]) -> dict[Role, DaemonSettings]:
-    loaded: dict[Role, DaemonSettings] = {}
+def _load(files: Sequence[Path]) -> list[DaemonSettings]:
+    loaded: list[DaemonSettings] = []
     for path in files:
         settings = load_daemon(path)
-        if settings.role in loaded:
+        if any(each.role == settings.role for each in loaded):
             raise ConfigurationError(f"--config {path}: another {settings.role}; expected one of each role")
-        loaded[settings.role] = settings
+        loaded.append(settings)
     return loaded
 
 
-def check_certificates(role: Role, settings: DaemonSettings, host: HostProbe) -> Iterator[Finding]:
+def check_certificates(settings: DaemonSettings, host: HostProbe) -> Iterator[Finding]:
     """Whether what is open to a network is secured, by a certificate that is valid and names this host."""
-    transport, group = settings.transport, "certificates"
+    role, transport, group = settings.role, settings.transport, "certificates"
     try:
         secured = transport.pki is not None
         ways = transport.listen, transport.connect
@@ -150,9 +150,9 @@ def _check_names(folder: Path, role: Role, party: Party, listen: Sequence[str]) 
         yield Finding("certificates", f"{party.name}, names", "green", named)
 
 
-def check_network(role: Role, settings: DaemonSettings, host: HostProbe) -> Iterator[Finding]:
+def check_network(settings: DaemonSettings, host: HostProbe) -> Iterator[Finding]:
     """Whether router or peer answers and takes our certificate, how far it is, and how clocks compare."""
-    transport = settings.transport
+    role, transport = settings.role, settings.transport
     if not transport.listen and not transport.connect:
         advice = "name one in transport.listen or transport.connect"
         yield Finding("network", "endpoints", "red", "none", advice)
@@ -217,10 +217,9 @@ def _judged_clock(state: ClockState) -> Finding:
     return Finding("clock", subject, "amber", f"{words}: poor", advice)
 
 
-def check_devices(
-    role: Role, settings: DaemonSettings, process: int | None, host: HostProbe
-) -> Iterator[Finding]:
+def check_devices(settings: DaemonSettings, process: int | None, host: HostProbe) -> Iterator[Finding]:
     """The devices themselves, unless their daemon runs; nothing is moved."""
+    role = settings.role
     real = [device for device in configured(settings) if device.settings.hardware]
     if not real:
         yield Finding("devices", f"{role}'s devices", "green", "all simulated")

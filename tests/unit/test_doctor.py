@@ -14,6 +14,7 @@ from forefeel.common.transport.settings import TransportSettings
 from forefeel.doctor import examine as doctor
 from forefeel.doctor.examine import LEVELS, Finding, Level
 from forefeel.doctor.host import ClockState, Disk, Heard, HostProbe, LoopCheck
+from forefeel.master.settings import MasterSettings
 from forefeel.probe.configured import ConfiguredDevice
 from forefeel.probe.probe import Probed
 from forefeel.reachability import Obstacle, Reached
@@ -83,10 +84,13 @@ def worst(found: Iterator[Finding]) -> Level:
     return max(levels, key=LEVELS.index)
 
 
+OPERATOR = {"driver": "operator"}
+
+
 def network(mode: str = "peer", **changed: object) -> Iterator[Finding]:
     transport = {"connect": ["tcp/a:1"], "mode": mode}
-    settings = SlaveSettings.model_validate({"transport": transport})
-    return doctor.check_network("master", settings, FakeHost(**changed))  # type: ignore[arg-type]
+    settings = MasterSettings.model_validate({"transport": transport, "axes": [{"handle": OPERATOR}]})
+    return doctor.check_network(settings, FakeHost(**changed))  # type: ignore[arg-type]
 
 
 def clock(offset_ns: int | None, bound_ns: int | None, session: bool = True) -> Iterator[Finding]:
@@ -96,7 +100,7 @@ def clock(offset_ns: int | None, bound_ns: int | None, session: bool = True) -> 
 def devices(section: dict[str, Any], **changed: object) -> Iterator[Finding]:
     settings = SlaveSettings.model_validate({"axes": [section]})
     host = FakeHost(**changed)  # type: ignore[arg-type]
-    return doctor.check_devices("slave", settings, host.process, host)
+    return doctor.check_devices(settings, host.process, host)
 
 
 def loop(priority: int = 50, **changed: object) -> Iterator[Finding]:
@@ -116,7 +120,7 @@ TABLE: list[tuple[str, Level, Callable[[], Iterator[Finding]]]] = [
     ("not reached", "red", lambda: network(reached=NO_ANSWER)),
     ("router for a peer", "red", lambda: network(heard=Heard(hint="a router answers there"))),
     ("nobody heard", "amber", lambda: network(heard=Heard(error="no router answers"))),
-    ("no endpoint", "red", lambda: doctor.check_network("slave", SlaveSettings(), FakeHost())),
+    ("no endpoint", "red", lambda: doctor.check_network(SlaveSettings(), FakeHost())),
     ("clock good", "green", lambda: clock(5 * MS, 999_999)),
     ("clock acceptable", "green", lambda: clock(5 * MS, 10 * MS)),
     ("clock poor", "amber", lambda: clock(5 * MS, 10 * MS + 1)),
@@ -178,7 +182,7 @@ def test_certificates_are_valid_and_name_the_host(
     if "pki" in transport:
         transport = {**transport, "pki": tmp_path / transport["pki"]}
     settings = SlaveSettings.model_validate({"cell": "c", "transport": transport})
-    assert worst(doctor.check_certificates("slave", settings, FakeHost(NOW + timedelta(days=days)))) == level
+    assert worst(doctor.check_certificates(settings, FakeHost(NOW + timedelta(days=days)))) == level
 
 
 def test_clocks_are_asked_over_the_daemons_own_way() -> None:
@@ -187,7 +191,7 @@ def test_clocks_are_asked_over_the_daemons_own_way() -> None:
         {"connect": ["tcp/a:1"], "listen": ["tcp/0.0.0.0:7447"]},
         {"mode": "client", "connect": ["tcp/a:1"]},
     ):
-        list(doctor.check_network("slave", SlaveSettings.model_validate({"transport": transport}), host))
+        list(doctor.check_network(SlaveSettings.model_validate({"transport": transport}), host))
     peer, client = host.asked
     assert (peer.mode, peer.connect, peer.listen) == ("peer", ("tcp/a:1", "tcp/127.0.0.1:7447"), ())
     assert (client.mode, client.connect) == ("client", ("tcp/a:1",))
