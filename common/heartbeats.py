@@ -3,7 +3,7 @@
 from forefeel.common.bus import Publisher
 from forefeel.common.clock_offset import ClockOffset, OffsetEstimate
 from forefeel.common.messages import Heartbeat
-from forefeel.common.stamp_order import Order, StampOrder
+from forefeel.common.stamp_order import StampOrder
 
 _REMEMBERED = 256  # beats: 13 s of them, more than any round trip that a session outlives
 
@@ -35,10 +35,7 @@ class Heartbeats:
         clock is set back loses its session.
         """
         echo_ns, echo_receive_ns = heartbeat.echo_stamp_ns, heartbeat.echo_receive_ns
-        if (
-            not self._may_echo(echo_ns)
-            or self._order.judge(heartbeat.stamp_ns, receive_ns) is not Order.NEWER
-        ):
+        if not self._may_echo(echo_ns) or self._order.judge(heartbeat.stamp_ns, receive_ns) != "newer":
             return False
         self._newest = heartbeat.stamp_ns, receive_ns
         if echo_ns is not None and echo_receive_ns is not None:

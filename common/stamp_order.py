@@ -1,6 +1,6 @@
 """Order of one stream by its stamps, in which a lone stamp from the future moves nothing. Pure."""
 
-from enum import Enum
+from typing import Literal
 
 _LEAD_NS = 20_000_000
 """What is ahead by less hides the stream for less than a force may be late (`rendering.stale_s`, 0.1 s). In
@@ -9,12 +9,7 @@ _MEMORY_NS = 1_000_000_000  # time constant with which a slower way replaces the
 _AGREEMENT_NS = 100_000_000  # by which the transits of a row may differ: three times that jitter
 _ROW, _ROW_NS = 3, 50_000_000
 """Messages, over at least 50 ms: a cell of 10 Hz takes 0.2 s for them, a stream of 1 kHz 51 ms."""
-
-
-class Order(Enum):
-    NEWER = "newer"
-    OLDER = "older"
-    AHEAD = "ahead"
+Order = Literal["newer", "older", "ahead"]
 
 
 class StampOrder:
@@ -38,28 +33,28 @@ class StampOrder:
         self._row = (0, 0, 0)  # count, transit and receive stamp of the first
 
     def judge(self, stamp_ns: int, receive_ns: int) -> Order:
-        """Place of a message in the stream; one that is NEWER becomes the newest."""
+        """Place of a message in the stream; one that is newer becomes the newest."""
         transit_ns, self.step_ns = receive_ns - stamp_ns, 0
         slower_ns = transit_ns - self._fastest_ns
-        order = Order.NEWER
+        order: Order = "newer"
         if self._newest_ns is None:
             slower_ns = 0.0
             self._fastest_ns = transit_ns
         elif stamp_ns <= self._newest_ns:
-            order = Order.OLDER
+            order = "older"
         elif slower_ns < -_LEAD_NS:
-            order = Order.AHEAD
-        if order is not Order.NEWER:
+            order = "ahead"
+        if order != "newer":
             if not self._completes_row(transit_ns, receive_ns):
                 return order
             self.step_ns = -round(slower_ns)
-            if order is Order.OLDER and not self._backwards:
+            if order == "older" and not self._backwards:
                 return order
             self._taken_ns = receive_ns - _MEMORY_NS  # of the old clock nothing is kept
         share = min(1.0, (receive_ns - self._taken_ns) / _MEMORY_NS) if slower_ns > 0.0 else 1.0
         self._fastest_ns += share * slower_ns
         self._newest_ns, self._taken_ns, self._row = stamp_ns, receive_ns, (0, 0, 0)
-        return Order.NEWER
+        return "newer"
 
     def _completes_row(self, transit_ns: int, receive_ns: int) -> bool:
         count, row_transit_ns, first_ns = self._row

@@ -114,14 +114,14 @@ class MasterAxis:
             return
         answered_ns = sample.answers_stamp_ns  # on the master's clock: it can not have stepped
         ahead = answered_ns is not None and (
-            answered_ns > receive_ns or self._answers.judge(answered_ns, receive_ns) is Order.AHEAD
+            answered_ns > receive_ns or self._answers.judge(answered_ns, receive_ns) == "ahead"
         )
-        order = Order.AHEAD if ahead else self._judge(self._forces, topics.FORCE, sample, receive_ns)
-        if order is Order.AHEAD:
+        order = "ahead" if ahead else self._judge(self._forces, topics.FORCE, sample, receive_ns)
+        if order == "ahead":
             self.counters["forces_ahead"] += 1
             return
         self.identification.queue.put(sample)
-        if order is Order.OLDER:
+        if order == "older":
             self.counters["forces_reordered"] += 1
             return
         self._stage_position_m = sample.position_m
@@ -133,8 +133,8 @@ class MasterAxis:
 
     def _on_state(self, state: SlaveState, receive_ns: int) -> None:
         order = self._judge(self._states, topics.SLAVE_STATE, state, receive_ns)
-        if order is not Order.NEWER:
-            self.counters[f"states_{order.value}"] += 1
+        if order != "newer":
+            self.counters[f"states_{order}"] += 1
             return
         self.session.heard_state(state.session_id, receive_ns)
         self._slave_state, self._state_heard_ns = state, receive_ns

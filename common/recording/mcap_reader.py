@@ -211,13 +211,9 @@ def _columns(kind: type[M], blocks: Iterator[list[M]]) -> Columns:
         for name in list(parts):
             values = [getattr(message, name) for message in block]
             if set(map(type, values)) <= _NUMBERS:
-                parts[name].append(_array(values))
+                if None in values:
+                    values = [nan if value is None else float(value) for value in values]
+                parts[name].append(np.array(values))
             else:
                 del parts[name]  # text or lists: `messages` has them
     return {name: np.concatenate(arrays or [np.empty(0)]) for name, arrays in parts.items()}
-
-
-def _array(values: list[Any]) -> NDArray[Any]:
-    if None in values:
-        return np.array([nan if value is None else value for value in values], dtype=np.float64)
-    return np.array(values)

@@ -1,7 +1,7 @@
 """The time of the charts: seconds on the master's clock. Pure."""
 
 from forefeel.common.clock_offset import DRIFT_DIVISOR
-from forefeel.common.stamp_order import Order, StampOrder
+from forefeel.common.stamp_order import StampOrder
 
 RESTART_NS = 10_000_000_000
 """A clock that is further off than this was started anew."""
@@ -26,7 +26,7 @@ class Timeline:
 
     def heard(self, stamp_ns: int, receive_ns: int) -> bool | None:
         """A stamp of the master; whether the time begins anew with it, None where it is out of order."""
-        if self._order.judge(stamp_ns, receive_ns) is not Order.NEWER:
+        if self._order.judge(stamp_ns, receive_ns) != "newer":
             return None
         transit_ns, base_ns = receive_ns - stamp_ns, self._base_ns(receive_ns)
         anew = base_ns is None or abs(transit_ns - base_ns) > RESTART_NS
