@@ -1,6 +1,7 @@
 """A run keeps what it learned, and the next one with the same instrument and patient starts from it."""
 
 from pathlib import Path
+from typing import Any
 
 from forefeel.common.prior_file import load_prior
 from forefeel.common.recording.mcap_reader import Run
@@ -10,10 +11,9 @@ from forefeel.report.model import RunReport
 from forefeel.report.summary import summarise
 
 
-def run(folder: Path, seed: int) -> RunReport:
-    options = LoopbackOptions(
-        impairment="paper", duration_s=12.0, seed=seed, prior_dir=folder / "priors", patient="B"
-    )
+def run(folder: Path, seed: int, **changed: Any) -> RunReport:  # noqa: ANN401 - options
+    asked = {"duration_s": 12.0, "patient": "B", **changed}
+    options = LoopbackOptions(impairment="paper", seed=seed, prior_dir=folder / "priors", **asked)
     loop = VirtualLoopback(make_plan(options), seed)
     loop.run(lambda _done_s: None)
     path = folder / f"{seed}.mcap"
@@ -30,6 +30,9 @@ def test_second_run_starts_from_the_first_and_predicts_from_the_first_stroke_on(
     taught = run(tmp_path, 2)
     assert taught.model.prior == f"catheter, patient B: {stored.amount}"
     assert ratio(taught) < 0.25 < 0.6 * ratio(cold)
+    for accept_prior, begins in ((False, "none; to start from"), (True, "catheter, of another patient, B")):
+        other = run(tmp_path, 3 + accept_prior, duration_s=1.0, patient="C", accept_prior=accept_prior)
+        assert other.model.prior is not None and other.model.prior.startswith(begins)
 
 
 def ratio(report: RunReport) -> float:
