@@ -62,6 +62,7 @@ CASES: dict[str, dict[str, Any]] = {
     "10,000 N/m": {"wall_n_m": 10_000.0},
     "100, then 6000 N/m": {"wall_n_m": 100.0, "stiffest_n_m": STIFF_N_M, "more": "stiff"},
     "10,000 N/m, setting 3000": {"wall_n_m": 10_000.0, "stiffest_n_m": 3000.0},
+    "cell of the wrong sign": {"sign": -1},
     "zero off by -1.5 N": {"cell": {"bias_n": -1.5}},
     "1500 N/m, moves 3 mm at 1.2 Hz": {"wall_n_m": 1500.0, "more": "moves"},
 }
@@ -70,8 +71,8 @@ CASES: dict[str, dict[str, Any]] = {
 class LateCell:
     """Takes the place of a load cell's `read`: some readings, later, stamped when they were made."""
 
-    def __init__(self, cell: LoadCell, late_ms: int, every_ms: int) -> None:
-        self._late_ms, self._every_ms = late_ms, every_ms
+    def __init__(self, cell: LoadCell, late_ms: int, every_ms: int, sign: int) -> None:
+        self._sign, self._late_ms, self._every_ms = sign, late_ms, every_ms
         self._made = deque[tuple[int, LoadCellReading]]()
         self._read = cell.read
         vars(cell)["read"] = self.read
@@ -79,7 +80,10 @@ class LateCell:
     def read(self, now_ns: int, recording_time_s: float | None) -> list[LoadCellReading]:
         readings = self._read(now_ns, recording_time_s)
         if now_ns // MS % self._every_ms == 0:
-            self._made += [(now_ns, each._replace(stamp_ns=now_ns)) for each in readings]
+            self._made += [
+                (now_ns, each._replace(force_n=self._sign * each.force_n, stamp_ns=now_ns))
+                for each in readings
+            ]
         due_ns = now_ns - self._late_ms * MS
         arrived = [reading for made_ns, reading in self._made if made_ns <= due_ns]
         for _ in arrived:
@@ -102,6 +106,7 @@ class Case:
         stiffest_n_m: float | None = None,
         late_ms: int = 0,
         every_ms: int = 1,
+        sign: int = 1,
         hidden_s: float = 0.0,
         more: str = "",
         tick_ms: int = 1,
@@ -120,7 +125,7 @@ class Case:
         self.pair.to_slave.delay_s = self.pair.to_master.delay_s = 0.15
         self.most_n = self.fastest_m_s = 0.0
         self._more, self._exceeded_s = more, inf
-        self._late = LateCell(self.pair.slave.axes[0]._devices.load_cell, late_ms, every_ms)
+        self._late = LateCell(self.pair.slave.axes[0]._devices.load_cell, late_ms, every_ms, sign)
         fixture = vars(self.pair.slave.axes[0]._devices.stage)["_world"]._fixture
         self._force_n: Callable[[float, float, float, float, float], float] = fixture.step
         fixture.step = self._step

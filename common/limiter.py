@@ -21,6 +21,11 @@ _PROBING_SHARE = 0.5
 """While the measured force is below this share of the limit, a prediction does not slow the setpoint below
 5 mm/s: one that is wrong could not learn otherwise."""
 
+OVER_SHARE = 0.05
+"""Of the force limit: what a zero may be off, and what is said to be above it."""
+_YIELD_M = 0.005
+"""More than a wall moves with heart and breath, less than pulls a wire out of a branch; decisions/0030."""
+
 MOTION_RULES = ("workspace", "velocity", "acceleration", "contact_speed", "force", "travel")
 """Rules that change a motion. Every other rule refuses a command, or an engagement."""
 
@@ -109,6 +114,7 @@ class MotionLimiter:
         self.age_s: float | None = None
         self._time_s = self._path_m = self._filtered_m = 0.0
         self._shown = deque([(0.0, 0.0)])  # time, and the path that had passed the filter by then
+        self._deepest_m = 0.0
         self.position_m = 0.0
         self.velocity_m_s = 0.0
         self.force_limited = False
@@ -116,6 +122,7 @@ class MotionLimiter:
     def place(self, position_m: float) -> None:
         """Puts the setpoint on the stage at rest, without a motion."""
         self.position_m, self.velocity_m_s, self.force_limited = position_m, 0.0, False
+        self._deepest_m = position_m
 
     def follow(
         self,
@@ -145,6 +152,10 @@ class MotionLimiter:
         velocity = feed_forward + _clip(wanted - feed_forward, brake)
         allowed = self._before_walls(_clip(velocity, self._velocity_m_s * velocity_share), dt_s)
         capped = self._towards_contact(allowed, force_n, force_share * self._force_n, band_n, hits)
+        if force_share == 1.0:  # a blind cell guides no motion
+            capped = self._before_walls(
+                _clip(self._yielding(capped, force_n, hits), self._velocity_m_s * velocity_share), dt_s
+            )
         if capped == allowed and abs(capped - velocity) > _EXACT:
             hits.append(LimitHit("velocity", velocity, capped, "m/s"))
         change = self._acceleration_m_s2 * dt_s
@@ -224,6 +235,19 @@ class MotionLimiter:
         else:
             hits.append(LimitHit("contact_speed", velocity_m_s, sign * fastest_m_s, "m/s"))
         return sign * fastest_m_s
+
+    def _yielding(self, velocity_m_s: float, force_n: float, hits: list[LimitHit]) -> float:
+        """The velocity out of a wall that pushes beyond the limit; the hand's own where that is larger.
+
+        No further than `_YIELD_M` from where the hand went: a force that stays is of no wall that moves.
+        """
+        excess_n = force_n - (1.0 + OVER_SHARE) * self._force_n
+        if excess_n <= 0.0 or velocity_m_s < 0.0:
+            self._deepest_m = self.position_m if velocity_m_s < 0.0 else max(self._deepest_m, self.position_m)
+            return velocity_m_s
+        hits += [] if hits and hits[-1].rule == "force" else [LimitHit("force", force_n, self._force_n, "N")]
+        left_m = self.position_m - self._deepest_m + _YIELD_M
+        return -min(self._allowed_m_s(excess_n), _stoppable_m_s(left_m, self._acceleration_m_s2, self._dt_s))
 
     def _allowed_m_s(self, left_n: float) -> float:
         return _stoppable_m_s(left_n / self._wall_n_m, self._acceleration_m_s2, sum(self.reaction))

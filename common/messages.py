@@ -219,8 +219,8 @@ class SlaveState(Message):
 
     `latch_persisted`: whether what is latched is on the slave's disk, so that a new start finds it. A stop is
     acknowledged by ESTOPPED together with it. `caveats`: what of the axis is simulated, uncalibrated or
-    relaxed. `reaction_s`: how late the force answers a setpoint, by the parts of a
-    `forefeel.common.limiter.Reaction`; empty where a slave does not say it.
+    relaxed. `over_limit`: the force is above its limit. `reaction_s`: how late it answers a setpoint, by the
+    parts of a `forefeel.common.limiter.Reaction`; empty where a slave does not say it.
     """
 
     most_bytes: ClassVar[int] = 24 * 1024
@@ -235,6 +235,7 @@ class SlaveState(Message):
     stops: NonNegativeInt
     clock_offset_ns: Stamp | None
     clock_bound_ns: NonNegativeInt | None
+    over_limit: bool = False
     reaction_s: tuple[Span, ...] = ()
     counters: dict[Name, NonNegativeInt]
     caveats: tuple[ShortText, ...] = ()

@@ -11,7 +11,7 @@ from forefeel.common import topics
 from forefeel.common.bus import Bus, Publisher
 from forefeel.common.errors import DeviceError
 from forefeel.common.events.sink import HALTED, NULL_EVENT_SINK, EventSink
-from forefeel.common.events.text import obstacle
+from forefeel.common.events.text import DECLARES, obstacle
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import (
     EmergencyStop,
@@ -26,7 +26,7 @@ from forefeel.slave.control import AxisControl, ControlInputs, ControlOutputs, T
 from forefeel.slave.devices import DeviceReports, Devices, DeviceWatch
 from forefeel.slave.events import SlaveEvents
 from forefeel.slave.following import following_watch
-from forefeel.slave.forces import ForcePublisher, Instant, PushWatch
+from forefeel.slave.forces import ForcePublisher, Instant, PolarityWatch, PushWatch
 from forefeel.slave.session import SlaveSession
 from forefeel.slave.settings import SlaveAxisSettings
 
@@ -59,6 +59,7 @@ class SlaveAxis:
         self._event_sink = event_sink
         self._watch = DeviceWatch(devices, following_watch(settings), self._device_failed)
         self._pushes = PushWatch(settings.limits.max_force_n if settings.pushes_only else inf)
+        self._polarity = PolarityWatch(settings.limits.max_force_n)
         self._device_reports = DeviceReports(devices.stage, devices.load_cell, bus)
         self._session = SlaveSession(cell, settings, devices, bus, instance_id, self.events)
         self._receiver = CommandReceiver(settings, self._session, self.events)
@@ -129,7 +130,7 @@ class SlaveAxis:
         machine = self._control.machine
         if machine.state is SafetyState.READY:
             hit = self._control.obstacle(self._session.offset)
-            return machine.reason if hit is None else obstacle(*hit[:3])
+            return obstacle(*hit[:3]) if hit else machine.reason if self._control.zeroed else DECLARES
         return self._unheard if machine.state is SafetyState.IDLE and self._unheard else machine.reason
 
     @property
@@ -181,8 +182,10 @@ class SlaveAxis:
             self._watch.rearm()
         readings = self._watch.read(now_ns, self._executing.recording_time_s if self._executing else None)
         stage, force_n = self._watch.stage, self._watch.force.force_n
-        if pulls := self._pushes.fault(now_ns, stage, force_n, self._executing is not None):
-            self._device_failed("load_cell", pulls)
+        follows = self._executing is not None
+        wrong = self._pushes.fault(now_ns, stage, force_n, follows)
+        if wrong := wrong or self._polarity.fault(now_ns, stage.position_m, force_n, follows):
+            self._device_failed("load_cell", wrong)
         setpoint = self._control.limiter.position_m, self._control.limiter.force_limited
         outputs = self._control.tick(now_ns, self._inputs(now_ns, cleared))
         holder = self._session.holder
@@ -270,7 +273,8 @@ class SlaveAxis:
     def _opened(self, session_id: int) -> None:
         self._receiver.open(session_id)
         self._unheard = ""
-        self.events.notices.add("session open")
+        declares = "" if self._control and self._control.zeroed else f": {DECLARES}"
+        self.events.notices.add(f"session open{declares}")
 
     def beat(self, now_ns: int) -> None:
         self._session.beat(now_ns)
@@ -293,6 +297,7 @@ class SlaveAxis:
                 stops=self._control.stops,
                 clock_offset_ns=best.offset_ns if best else None,
                 clock_bound_ns=best.bound_ns if best else None,
+                over_limit=self._control.over_limit,
                 reaction_s=self._control.limiter.reaction,
                 counters=self._count(),
                 caveats=self.settings.caveats,

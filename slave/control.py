@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from forefeel.common.clock_offset import OffsetEstimate
-from forefeel.common.events.text import ROUND_TRIP, SLOW_LIMIT, obstacle
+from forefeel.common.events.text import OVER_LIMIT, ROUND_TRIP, SLOW_LIMIT, ZERO, obstacle
 from forefeel.common.limiter import LEAST_M_S, LimitHit, MotionLimiter, Reaction, claim, open_speed_m_s
 from forefeel.common.messages import Grip, MotionCommand, SafetyState
 from forefeel.common.settings import AxisLimits
@@ -16,6 +16,9 @@ E = SafetyEventName
 _MAX_STEP_S = 0.010  # a late tick moves the setpoint by at most this much time
 _MISALIGNED = 5.0  # while engaging, this many alignment tolerances end it
 _TRANSIT_SHARE = 1 / 500  # of each command in the usual transit: half a second at 1 kHz
+_CONTINUES_NS = 600_000_000_000
+"""A session within ten minutes of the last goes on with the instrument where it is: the link was cut, or the
+master started again."""
 _MAX_LEAD_S = 0.020  # jitter up to this is evened out
 Transition = tuple[SafetyState, SafetyEventName, SafetyState, str]
 
@@ -80,9 +83,19 @@ class AxisControl:
         self._late_s = 0.0
         self._released = False
         self._engaged_ns = 0
-        self._force = ForceWatch(gate.force_timeout_s)
+        self._zeroed_ns: int | None = None
+        self._force = ForceWatch(limits.max_force_n, gate.force_timeout_s)
         self._stage_rests = True
         self._previous_ns: int | None = None
+
+    @property
+    def over_limit(self) -> bool:
+        return self._force.is_over
+
+    @property
+    def zeroed(self) -> bool:
+        """Whether an arming of this session has declared that the instrument touches nothing."""
+        return self._zeroed_ns is not None
 
     @property
     def at_rest(self) -> bool:
@@ -104,6 +117,12 @@ class AxisControl:
         self.limiter.age_s = force.age_s
         if follows and force.is_late:
             hits.append(LimitHit("reading_late", force.late_s, force.reading_s, "s"))
+        if force.is_over:
+            hits.append(LimitHit(OVER_LIMIT, force.force_n, self._limits.max_force_n, "N"))
+        if self._zeroed_ns is not None and now_ns - self._zeroed_ns > _CONTINUES_NS:
+            self._zeroed_ns = None
+        elif self._zeroed_ns is not None and inputs.session_live:
+            self._zeroed_ns = now_ns
         if 0 < self._watchdog_ns < stood_ns:
             # Whatever stopped this loop, the drive's own watchdog has stopped the stage: there it stays.
             self.limiter.place(inputs.position_m)
@@ -135,7 +154,12 @@ class AxisControl:
         if clock is not None and clock.round_trip_ns > self._max_round_trip_ns:
             return LimitHit(ROUND_TRIP, clock.round_trip_ns * 1e-9, self._gate.max_round_trip_s, "s")
         leaves_m_s = open_speed_m_s(self._limits, self.limiter.reaction)
-        return LimitHit(SLOW_LIMIT, leaves_m_s, LEAST_M_S, "m/s") if leaves_m_s < LEAST_M_S else None
+        if leaves_m_s < LEAST_M_S:
+            return LimitHit(SLOW_LIMIT, leaves_m_s, LEAST_M_S, "m/s")
+        zero_n, tolerance_n = self._force.zero_n, self._force.tolerance_n
+        measured = self._gate.force_timeout_s is not None  # else it is a recording's, wherever that begins
+        off = measured and not self.zeroed and abs(zero_n) > tolerance_n
+        return LimitHit(ZERO, zero_n, tolerance_n, "N") if off else None
 
     def halt(self, now_ns: int, estop: str | None, fault: str | None) -> list[Transition]:
         """What came when no tick follows any more: the machine is told, the setpoint stays."""
@@ -243,7 +267,7 @@ class AxisControl:
         before, after = changed
         transitions.append((before, event, after, reason))
         if after is SafetyState.ENGAGING:
-            self._engaged_ns = now_ns
+            self._engaged_ns = self._zeroed_ns = now_ns
         elif before in (SafetyState.ENGAGING, SafetyState.ARMED) and after is not SafetyState.ARMED:
             self._released = False
             self.stops += event not in (E.RELEASE, E.ESTOP)

@@ -2,21 +2,28 @@
 
 from bisect import bisect_left
 from collections import deque
+from math import exp, sqrt
 from typing import NamedTuple
 
 from forefeel.common.bus import Publisher
 from forefeel.common.clock_offset import OffsetEstimate
+from forefeel.common.events.text import above_limit
+from forefeel.common.limiter import OVER_SHARE
 from forefeel.common.messages import ForceSample, Grip, MotionCommand
 from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.stage import StageReading
 
 _REMEMBERED_TICKS = 256  # ticks that are remembered: 0.256 s at 1 kHz
-_LATER, _LATER_S, _WORST_OF_NS = 1.25, 0.001, 1_000_000_000
+_LATER, _LATER_S, _WORST_OF_S = 1.25, 0.001, 1.0
 """A loop without a real-time kernel, and a cell over USB, are later by so much now and then."""
+_NOISES, _ZERO_S = 5.0, 0.25
+"""Standard deviations, and the time constant of mean and variance: ten periods of the mains and more."""
 _LATE = 2.0
 """By this factor beyond what the limit counts on: 6.5 ms where loop and cell have 1 kHz. The limit itself
 holds at any lateness, for it knows the age of each reading."""
-_PULL_SHARE, _PULL_NS = 0.05, 10_000_000  # share of the force limit that is a pull, and for how long
+_PULL_NS, _CONTACT_NS = 10_000_000, 5_000_000  # for how long a pull, or a first contact, lasts that is one
+_BACK_M = 0.002
+"""Further back the force may be friction of the way out; nearer, it reverses within presliding, 0.3 mm."""
 _INWARD_M, _INWARD_M_S = 1e-3, 2e-3
 """Beyond presliding of the presets (force / stiffness 0.3 mm) and the tremor of a hand that holds still."""
 _BLIND_SHARE = 0.9
@@ -95,12 +102,13 @@ class ForceWatch:
         force_n: the force that the limit respects.
         age_s: its age.
         late_s: of the newest reading when the next tick replaces it.
-        reading_s: what the limit counts on, from the worst of the last one to two seconds. Grows only while
-            nothing follows, so that what becomes late on the way is noticed.
+        reading_s: what the limit counts on, from the worst of the last second. Grows only while nothing
+            follows, so that what becomes late on the way is noticed.
         limit_share: the share of the limit from which on it acts.
+        zero_n: mean of the readings of the last moments in which nothing followed.
     """
 
-    def __init__(self, timeout_s: float | None) -> None:
+    def __init__(self, limit_n: float, timeout_s: float | None) -> None:
         """`timeout_s`: how long the cell may stay blind while the stage follows.
 
         None: for ever, as a recorded force is between its pieces; then a reading counts as it is.
@@ -108,7 +116,7 @@ class ForceWatch:
         self.force_n = self.age_s = self.late_s = 0.0
         self.reading_s = _LATER_S
         self.limit_share = 1.0
-        self._worst_s, self._since_ns = (0.0, 0.0), 0
+        self._limit_n, self.zero_n, self._variance_n2, self._worst_s = limit_n, 0.0, 0.0, 0.0
         self._timeout_s = timeout_s
         self._stamp_ns = 0
         self._seen_ns: int | None = None
@@ -117,12 +125,28 @@ class ForceWatch:
     def is_late(self) -> bool:
         return self.late_s > _LATE * (self.reading_s + _LATER_S)
 
+    @property
+    def tolerance_n(self) -> float:
+        """What a zero may be off."""
+        return max(OVER_SHARE * self._limit_n, _NOISES * sqrt(self._variance_n2))
+
+    @property
+    def is_over(self) -> bool:
+        return abs(self.force_n) > (1.0 + OVER_SHARE) * self._limit_n
+
     def take(
         self, now_ns: int, force_n: float, valid: bool, age_s: float, tick_s: float, follows: bool
     ) -> None:
         """The newest reading. `tick_s`: since the last."""
         if valid:
-            self._measure(now_ns, age_s + tick_s, follows)
+            self.late_s = age_s + tick_s
+            self._worst_s = max(self.late_s, self._worst_s * exp(-tick_s / _WORST_OF_S))
+            reading_s = _LATER * self._worst_s + _LATER_S
+            self.reading_s = min(reading_s, self.reading_s) if follows else reading_s
+            if not follows:
+                share, change_n = min(1.0, tick_s / _ZERO_S or 1.0), force_n - self.force_n
+                self.zero_n += share * (force_n - self.zero_n)
+                self._variance_n2 += share * (0.5 * (1.0 - share) * change_n * change_n - self._variance_n2)
         if (valid and not self.is_late) or self._timeout_s is None:
             self.force_n, self.limit_share, self._stamp_ns = force_n, 1.0, now_ns - round(age_s * 1e9)
         else:
@@ -130,15 +154,6 @@ class ForceWatch:
             if abs(force_n) > abs(self.force_n):
                 self.force_n = force_n
         self.age_s = (now_ns - self._stamp_ns) * 1e-9
-
-    def _measure(self, now_ns: int, late_s: float, follows: bool) -> None:
-        if now_ns - self._since_ns > _WORST_OF_NS:
-            self._worst_s, self._since_ns = (0.0, self._worst_s[0]), now_ns
-        self.late_s = late_s
-        self._worst_s = max(late_s, self._worst_s[0]), self._worst_s[1]
-        reading_s = _LATER * max(self._worst_s) + _LATER_S
-        if not follows or reading_s < self.reading_s:
-            self.reading_s = reading_s
 
     def fault(self, now_ns: int, valid: bool, following: bool) -> str | None:
         """Why the stage may not follow any longer: the cell has been blind, or late, for too long."""
@@ -148,6 +163,8 @@ class ForceWatch:
             if valid:
                 late_ms, counted_ms = 1e3 * self.late_s, 1e3 * self.reading_s
                 return f"force {late_ms:.0f} ms late, the limit counts on {counted_ms:.0f} ms: arm again"
+            if self.is_over:
+                return f"{above_limit(self.force_n, self._limit_n)}: load cell saturated"
             return f"load cell invalid for more than {self._timeout_s:g} s"
         return None
 
@@ -155,11 +172,12 @@ class ForceWatch:
 class PushWatch:
     """Of an instrument that is only pushed back (`pushes_only`): a pull on its way in is a fault of the cell.
 
-    Tared by what pulled when the stage began to follow. On the way out friction pulls.
+    Tared by what pulled when the stage began to follow, within what a zero may be off; the force limit counts
+    the force as it is. On the way out friction pulls.
     """
 
     def __init__(self, limit_n: float) -> None:
-        self._pull_n = _PULL_SHARE * limit_n
+        self._pull_n = OVER_SHARE * limit_n
         self._tare_n = self._turned_m = 0.0
         self._pushed_ns = 0
 
@@ -167,7 +185,7 @@ class PushWatch:
         """Why the load cell may not be believed any longer."""
         x_m, v_m_s = stage
         if not following:
-            self._tare_n = min(0.0, force_n)
+            self._tare_n = max(-self._pull_n, min(0.0, force_n))
         if not following or v_m_s <= 0.0:
             self._turned_m = x_m
         inward = x_m - self._turned_m > _INWARD_M and v_m_s > _INWARD_M_S
@@ -176,3 +194,33 @@ class PushWatch:
         if now_ns - self._pushed_ns < _PULL_NS:
             return None
         return f"load cell pulls with {-force_n:.3g} N on the way in (load_cell.pushes_only): check its sign"
+
+
+class PolarityWatch:
+    """Finds a load cell of the wrong sign: the first contact takes work, its force is against the way on
+    which the stage came where it had not been. A late force may find it on its way back already.
+    """
+
+    def __init__(self, limit_n: float) -> None:
+        self._free_n = OVER_SHARE * limit_n
+        self._low_m = self._high_m = 0.0
+        self._inward: bool | None = None
+        self._free_ns = 0
+        self._known = False
+
+    def fault(self, now_ns: int, position_m: float, force_n: float, following: bool) -> str | None:
+        """Why the load cell may not be believed."""
+        if self._known or not following:
+            self._low_m = self._high_m = position_m
+            self._inward, self._free_ns = None, now_ns
+            return None
+        if not self._low_m <= position_m <= self._high_m:
+            self._inward = position_m > self._high_m
+            self._low_m, self._high_m = min(self._low_m, position_m), max(self._high_m, position_m)
+        back_m = self._high_m - position_m if self._inward else position_m - self._low_m
+        if abs(force_n) <= self._free_n or self._inward is None or back_m > _BACK_M:
+            self._free_ns = now_ns
+        if now_ns - self._free_ns < _CONTACT_NS:
+            return None
+        self._known = (force_n > 0.0) == self._inward
+        return None if self._known else "load cell gives work in the first contact: check load_cell.sign"

@@ -48,6 +48,7 @@ _SIMULATED: Any = {"driver": "simulated"}  # read as if it stood in the file
 _REQUIRED = {
     "load_cell": "load_cell: {driver: simulated} # or another of `forefeel devices`",
     "gripper": "gripper: {driver: simulated} # or another of `forefeel devices`",
+    "load_cell.filter_lag_s": "filter_lag_s: 0.005 # of the amplifier's filter, 1 / (2 pi corner)",
     "load_cell.pushes_only": "pushes_only: true # false where inertia, gravity or friction pull inwards",
 }
 """What has no default beside a real stage, with a line that would do; keys of a device if it is hardware."""

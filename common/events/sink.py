@@ -13,7 +13,7 @@ UNASKED = frozenset({"watchdog", "session_lost", "misaligned", "round_trip"})
 """Events that end a motion without the person's wish."""
 
 REFUSALS = frozenset(
-    {"session", "sequence", "late", "future", "range", "alignment", "round_trip", "slow_limit"}
+    ("session", "sequence", "late", "future", "range", "alignment", "round_trip", "slow_limit", "zero")
 )
 """Rules by which a command is refused; the others change a motion, and stand in the recording."""
 

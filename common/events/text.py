@@ -19,8 +19,11 @@ from forefeel.common.messages import (
 )
 
 UNKNOWN = "–"
-ROUND_TRIP, SLOW_LIMIT = "round_trip", "slow_limit"
-"""Rules by which an axis does not arm: the link is too slow, or the force limit leaves no speed."""
+ROUND_TRIP, SLOW_LIMIT, ZERO = "round_trip", "slow_limit", "zero"
+"""Rules by which an axis does not arm: the link is too slow, the force limit leaves no speed, the load cell
+reads a force though nothing is touched."""
+OVER_LIMIT = "over_limit"
+DECLARES = "the first arming declares that the instrument is out of contact"
 _ROUND_TRIP = "round trip "
 DISTRUSTED = "rendered_late"
 """The rule by which the hand feels the late force, for the prediction is out of reach of it."""
@@ -46,6 +49,8 @@ def event_text(message: Message) -> str:
     match message:
         case SafetyEvent() | MasterEvent():
             return f"{message.before} -> {message.after}, {message.event}: {message.reason}"
+        case LimitEvent(rule=rule) if rule == OVER_LIMIT:
+            return above_limit(message.requested, message.applied)
         case LimitEvent():
             return not_armed(message.rule, message.requested, message.applied) or _limit(message)
         case EmergencyStop():
@@ -66,6 +71,10 @@ def not_armed(rule: str, found: float, limit: float) -> str:
     return f"not armed: {reason}" if reason else ""
 
 
+def above_limit(force_n: float, limit_n: float) -> str:
+    return f"force above limit: {quantity(force_n, 'N')}, limit {quantity(limit_n, 'N')}"
+
+
 def obstacle(rule: str, found: float, limit: float) -> str:
     if rule == ROUND_TRIP:
         return long_round_trip(found, limit)
@@ -74,6 +83,9 @@ def obstacle(rule: str, found: float, limit: float) -> str:
             f"the force limit leaves {found * 1e3:.2g} mm/s, at least {limit * 1e3:g} mm/s are needed: cell "
             "and stage answer too late for limits.stiffest_wall_n_m"
         )
+    if rule == ZERO:
+        reads, most = quantity(found, "N"), quantity(limit, "N")
+        return f"load cell reads {reads} out of contact, at most {most}: tare it, or free the instrument"
     return ""
 
 

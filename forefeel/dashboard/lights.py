@@ -34,7 +34,8 @@ class Light(NamedTuple):
 
 
 def lights(view: AxisView, now_ns: int) -> list[Light]:
-    return [_link(view, now_ns), _lease(view, now_ns), _safety(view, now_ns), _deadman(view, now_ns)]
+    every = [_link(view, now_ns), _lease(view, now_ns), _safety(view, now_ns), _deadman(view, now_ns)]
+    return [*every, _force(view, now_ns)]
 
 
 def silent_s(heard_ns: int | None, now_ns: int, since_ns: int) -> float | None:
@@ -103,3 +104,11 @@ def _deadman(view: AxisView, now_ns: int) -> Light:
     if master.deadman:
         return Light("deadman", "good", "pressed", "may move")
     return Light("deadman", "off", "released", "no motion")
+
+
+def _force(view: AxisView, now_ns: int) -> Light:
+    slave = view.newest.slave
+    if slave is None or _quiet(view, SLAVE_STATE, now_ns):
+        return Light("force", "off", "unknown", "no slave")
+    how: tuple[Level, str] = ("bad", "above limit") if slave.over_limit else ("good", "within limit")
+    return Light("force", *how)

@@ -110,7 +110,7 @@ WITHOUT: dict[str, dict[str, Any]] = {
 }
 SAID_BY = {
     "workspace": {"workspace", "velocity"},
-    "velocity": {"velocity"},
+    "velocity": {"velocity", "force"},  # of a motion out of a wall that pushes
     "force": {"force", "contact_speed"},
 }
 

@@ -3,7 +3,7 @@
 import pytest
 
 from benchmarks.force_limit import CASES, Case
-from forefeel.common.events.text import SLOW_LIMIT
+from forefeel.common.events.text import SLOW_LIMIT, ZERO
 from forefeel.common.limiter import Reaction, open_speed_m_s
 from forefeel.common.topics import LIMIT_EVENT, SAFETY_EVENT, SLAVE_STATE
 
@@ -41,3 +41,33 @@ def test_an_axis_whose_force_limit_leaves_no_speed_does_not_arm() -> None:
     case.pair.run(3.0)
     assert rules(case) == {SLOW_LIMIT}
     assert not case.pair.heard.times("engage")
+
+
+@pytest.mark.parametrize(
+    ("name", "most_n"),
+    [("10,000 N/m, setting 3000", 5.5), ("1500 N/m, moves 3 mm at 1.2 Hz", 3.4)],
+)
+def test_a_force_above_its_limit_is_said_at_once_and_of_a_wall_that_moves_the_stage_yields(
+    name: str, most_n: float
+) -> None:
+    case = Case(**CASES[name], seed=SEED)
+    case.pair.run(5.0)
+    assert 0.0 <= case.said_s < 0.1
+    assert 3.15 < case.most_n < most_n
+    assert not case.pair.heard.times("fault")
+    assert any(state.over_limit for state in case.pair.heard.messages(SLAVE_STATE))
+
+
+def test_a_zero_that_is_off_keeps_a_session_from_its_first_arming() -> None:
+    case = Case(**CASES["zero off by -1.5 N"], seed=SEED)
+    case.pair.run(3.0)
+    assert rules(case) == {ZERO}
+    assert not case.pair.heard.times("engage")
+
+
+def test_a_load_cell_of_the_wrong_sign_is_a_fault_in_the_first_contact() -> None:
+    case = Case(**CASES["cell of the wrong sign"], seed=SEED)
+    case.pair.run(3.0)
+    (reason,) = {e.reason for e in case.pair.heard.messages(SAFETY_EVENT) if e.event == "fault"}
+    assert "load_cell.sign" in reason
+    assert case.most_n < 4.6

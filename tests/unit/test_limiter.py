@@ -62,15 +62,30 @@ def test_the_ramp_on_engaging_limits_the_speed(share: float) -> None:
 @pytest.mark.parametrize("sign", [1, -1])
 def test_above_the_force_limit_it_may_only_relieve(sign: int) -> None:
     motion = limiter(0.05)
-    hits = motion.follow(0.05 + sign * 0.01, 0.0, sign * 3.5, DT_S)
+    hits = motion.follow(0.05 + sign * 0.01, 0.0, sign * 3.1, DT_S)
     assert (motion.position_m, motion.velocity_m_s) == (0.05, 0.0)
-    assert hits == [LimitHit("force", sign * 3.5, sign * 3.0, "N")]
+    assert hits == [LimitHit("force", sign * 3.1, sign * 3.0, "N")]
     back_m = 0.05 - sign * 0.01
     for _ in range(200):
         relieving = sign * (motion.position_m - back_m) > 1e-6
-        hits = motion.follow(back_m, 0.0, sign * 3.5, DT_S)
+        hits = motion.follow(back_m, 0.0, sign * 3.1, DT_S)
         assert "force" not in rules(hits) or not relieving
     assert motion.position_m == pytest.approx(back_m, abs=1e-6)
+
+
+def test_a_wall_that_pushes_moves_the_stage_out_by_five_millimetres_at_most_and_only_out() -> None:
+    motion = limiter(0.05)
+    for _ in range(2000):
+        hits = motion.follow(0.06, 0.0, 4.0, DT_S)
+        assert motion.velocity_m_s <= 0.0
+        assert rules(hits)[0] == "force"
+    assert motion.position_m == pytest.approx(0.045, abs=1e-5)
+    for _ in range(100):
+        motion.follow(0.06, 0.0, -4.0, DT_S)  # a pull: the hand has the stage
+        assert motion.velocity_m_s >= 0.0
+    motion.place(0.05)
+    motion.follow(0.05, 0.0, 4.0, DT_S, 1.0, 0.9)  # of a blind cell
+    assert motion.position_m == 0.05
 
 
 def test_a_motion_into_a_force_brakes_at_once_at_the_acceleration_limit() -> None:

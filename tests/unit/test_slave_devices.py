@@ -14,7 +14,7 @@ from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalib
 from forefeel.common.hardware.link import DeviceLink
 from forefeel.common.messages import Calibration, ForceSample, Grip, MotionCommand, SafetyState
 from forefeel.common.transport.memory import MemoryBus
-from forefeel.slave.forces import ForcePublisher, Instant, PushWatch
+from forefeel.slave.forces import ForcePublisher, Instant, PolarityWatch, PushWatch
 from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.stage import StageReading
 from tests.unit.slave_rig import MS, SESSION, START_M, SlaveRig
@@ -151,6 +151,7 @@ def test_a_drive_that_does_not_go_where_it_is_told_is_an_intervention() -> None:
         (-0.06, 0.02, 0.0, 60),  # 1 mm, then 10 ms
         (-0.04, 0.02, 0.0, None),
         (-0.06, 0.02, -0.02, None),
+        (-0.6, 0.02, -0.5, 60),  # no more of a tare than a zero may be off
         (-0.06, 0.0019, 0.0, None),
         (-0.06, -0.02, 0.0, None),
         (0.9, 0.02, 0.0, None),
@@ -165,6 +166,30 @@ def test_pull_on_the_way_in_is_a_fault(
     moved = ((ms, StageReading(speed_m_s * ms * 1e-3, speed_m_s)) for ms in range(1, 1000))
     found = (ms for ms, reading in moved if watch.fault(ms * MS, reading, force_n, following=True))
     assert next(found, None) == fault_ms
+
+
+@pytest.mark.parametrize(
+    ("force_n", "way_m", "fault"),
+    [
+        (-0.2, (0.0, 0.004), True),
+        (0.2, (0.0, 0.004), False),
+        (0.2, (0.0, -0.004), True),
+        (-0.2, (0.0, 0.009, 0.006), False),  # friction of the way out
+        (-0.2, (0.0, 0.004, 0.003), True),  # late
+        (-0.04, (0.0, 0.004), False),
+        (-0.2, (0.0,), False),
+    ],
+)
+def test_polarity_is_told_by_the_way_on_which_the_first_force_came(
+    force_n: float, way_m: tuple[float, ...], fault: bool
+) -> None:
+    """Of an axis with a force limit of 1 N."""
+    watch = PolarityWatch(1.0)
+    watch.fault(0, 0.0, 0.0, following=False)
+    for ms, position_m in enumerate(way_m, 1):
+        watch.fault(ms * MS, position_m, 0.0, following=True)
+    found = [watch.fault((10 + ms) * MS, way_m[-1], force_n, following=True) for ms in range(10)]
+    assert any(found) == fault
 
 
 CELL = LoadCellCalibration(
