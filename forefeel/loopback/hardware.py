@@ -55,7 +55,7 @@ def on_bench(plan: Plan, hardware: str, ports: Path, out: Path, seed: int) -> tu
         devices, emulators = _serial(limits, ports, words)
     else:
         devices, emulators = _can(limits, ports, words, common)
-    devices["load_cell"]["pushes_only"] = axis.pushes_only
+    devices["load_cell"] |= {"pushes_only": axis.pushes_only, "filter_lag_s": 0.001}
     devices["gripper"] = {"driver": "simulated"}
     handle = {
         "driver": "coil_serial", "port": str(ports / "handle"), "counts_per_m": 1e6, "newton_per_ampere": 2.0,

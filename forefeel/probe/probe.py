@@ -21,6 +21,9 @@ from forefeel.probe.configured import ConfiguredDevice, configured
 from forefeel.terminal import answer, show
 
 _PERIOD_NS = 1_000_000  # ns between two reads: the 1 kHz of the loops
+_SWINGS = 20.0
+"""By so many times the usual change between two readings a force swings that somebody let go."""
+_LEAST_READINGS = 20
 Verdict = Literal["ready", "simulated", "refused", "failed"]
 
 
@@ -33,8 +36,8 @@ class Quantiles:
 @dataclass(frozen=True, slots=True)
 class Probed:
     """What was found. `rate_hz`: readings or exchanges a second; `round_trip`: from question to answer;
-    `age`: of a reading when the 1 kHz loop gets it. None: the device does not let one measure it. `warning`:
-    of a slow latency timer.
+    `age`: of a reading when the 1 kHz loop gets it; `filter_lag_s`: see `filter_lag_s`. None: the device does
+    not let one measure it. `warning`: of a slow latency timer.
     """
 
     axis: str
@@ -51,6 +54,7 @@ class Probed:
     expected_hz: float | None = None
     round_trip: Quantiles | None = None
     age: Quantiles | None = None
+    filter_lag_s: float | None = None
     invalid: int = 0
     counters: dict[str, int] = field(default_factory=dict)
 
@@ -96,6 +100,7 @@ def _read(driver: Any, is_load_cell: bool, span_ns: int, clock: SleepingClock) -
     if is_load_cell:
         driver.read(clock.now_ns(), None)  # what has queued since it is ready
     stamps_ns, ages_ns, invalid, round_trips_ns = list[int](), list[int](), 0, list[int]()
+    forces_n = list[float]()
     start_ns, before = clock.now_ns(), link.exchanges
     now_ns = start_ns
     while now_ns - start_ns < span_ns:
@@ -104,6 +109,7 @@ def _read(driver: Any, is_load_cell: bool, span_ns: int, clock: SleepingClock) -
         for reading in driver.read(now_ns, None) if is_load_cell else ():
             stamps_ns.append(now_ns if reading.stamp_ns is None else reading.stamp_ns)
             ages_ns.append(now_ns - stamps_ns[-1])
+            forces_n.append(reading.force_n)
             invalid += not reading.valid
         if not is_load_cell:
             driver.read(now_ns)
@@ -115,7 +121,28 @@ def _read(driver: Any, is_load_cell: bool, span_ns: int, clock: SleepingClock) -
     if stamps_ns and stamps_ns[-1] > stamps_ns[0]:
         rate_hz = (len(stamps_ns) - 1) * 1e9 / (stamps_ns[-1] - stamps_ns[0])
     times = {"round_trip": _quantiles(round_trips_ns), "age": _quantiles(ages_ns)}
-    return {"rate_hz": rate_hz, "invalid": invalid, **times}
+    return {
+        "rate_hz": rate_hz,
+        "invalid": invalid,
+        "filter_lag_s": filter_lag_s(stamps_ns, forces_n),
+        **times,
+    }
+
+
+def filter_lag_s(stamps_ns: list[int], forces_n: list[float]) -> float | None:
+    """Time constant of a first-order filter whose answer to a step has this swing over its steepest slope.
+
+    Of a force that nobody let go it says nothing: None. What is let go slowly makes it larger, never smaller.
+    """
+    changes_n = np.abs(np.diff(forces_n))
+    if len(forces_n) < _LEAST_READINGS or not changes_n.any():
+        return None
+    swing_n = float(np.ptp(forces_n))
+    count_n = changes_n[changes_n > 0.0].min()
+    if swing_n < _SWINGS * max(count_n, np.quantile(changes_n, 0.5)):
+        return None
+    spans_s = np.diff(stamps_ns) * 1e-9  # of a batch that came at once: half of the mean at least
+    return swing_n / float(np.max(changes_n / np.maximum(spans_s, 0.5 * spans_s.mean())))
 
 
 def _quantiles(times_ns: list[int]) -> Quantiles | None:
@@ -164,6 +191,8 @@ def _facts(found: Probed) -> Iterator[str]:
         for what, times in (("round trip", found.round_trip), ("age", found.age)):
             if times is not None:
                 yield f"{what} p50 {times.p50_ms:.3g} ms, p99 {times.p99_ms:.3g} ms"
+        if found.filter_lag_s is not None:
+            yield f"filter lag {found.filter_lag_s * 1e3:.2g} ms"
         if found.invalid:
             yield f"{found.invalid} readings not valid"
         if found.warning:

@@ -35,7 +35,7 @@ SLAVE = """role: slave
 axes:
 - stage: {driver: zaber_ascii, port: /dev/stage, microstep_m: 1e-6, travel_m: [0, 0.09], sign: SIGN}
   load_cell: {driver: ascii_line, port: /dev/cell, unit: counts, full_scale_n: 10, sign: SIGN,
-    full_scale_native: 500_000, pushes_only: true}
+    full_scale_native: 500_000, pushes_only: true, filter_lag_s: 0}
   gripper: {driver: simulated}
   limits: {workspace_m: [0, 0.08]}
 """

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import pytest
 from serial.tools import list_ports
 from serial.tools.list_ports_common import ListPortInfo
@@ -23,6 +24,7 @@ from forefeel.daemon_settings import load_daemon
 from forefeel.devices.shared.stream import latency_warning
 from forefeel.probe.configured import ConfiguredDevice, configured
 from forefeel.probe.ports import can_interfaces, serial_ports
+from forefeel.probe.probe import filter_lag_s
 from tests.devices.fake_devices import FakeCell, FakeHandle, FakeStage, SteppedClock
 
 HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "hardware.md"
@@ -30,7 +32,8 @@ Run = Callable[[Sequence[str]], int]
 SLAVE = """role: slave
 axes:
 - stage: {driver: zaber_ascii, port: /dev/stage, microstep_m: 1e-6, travel_m: [-0.01, 0.2]}
-  load_cell: {driver: ascii_line, port: /dev/cell, full_scale_n: 10, rate_hz: 80, pushes_only: true}
+  load_cell: {driver: ascii_line, port: /dev/cell, full_scale_n: 10, rate_hz: 80, pushes_only: true,
+    filter_lag_s: 0.01}
   gripper: {driver: simulated}
 """
 MASTER = """role: master
@@ -229,3 +232,21 @@ def test_device_that_fails_while_probed_is_exit_1(
 def test_bad_input_of_probe_is_refused(run: Run, bench: Bench, line: str) -> None:
     assert run(["device", "probe", "--config", *line.split()]) == 2
     assert bench.stage.calls == []
+
+
+@pytest.mark.parametrize("rate_hz", [80.0, 500.0])
+@pytest.mark.parametrize("lag_s", [0.005, 0.04])
+def test_filter_lag_is_told_by_the_steepest_answer_and_never_below_it(rate_hz: float, lag_s: float) -> None:
+    """By one period more where that is all that the rate can tell."""
+    random = np.random.default_rng(1)
+    time_s = np.arange(0.0, 2.0, 1.0 / rate_hz)
+    stamps_ns = [round(t * 1e9) for t in time_s]
+    noise_n = random.normal(0.0, 0.002, len(time_s))
+    pressed_n = np.minimum(time_s, 1.0) * (time_s < 1.003)
+    after_s = np.maximum(0.0, time_s - 1.003)
+    let_go_n = np.where(time_s < 1.003, pressed_n, np.exp(-after_s / lag_s))
+    found_s = filter_lag_s(stamps_ns, (let_go_n + noise_n).tolist())
+    assert found_s is not None
+    assert 0.95 * lag_s < found_s < 1.2 * lag_s + 1.0 / rate_hz
+    assert filter_lag_s(stamps_ns, noise_n.tolist()) is None
+    assert filter_lag_s(stamps_ns, np.round(noise_n, 2).tolist()) is None

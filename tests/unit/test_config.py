@@ -244,9 +244,11 @@ def test_unreadable_settings_of_the_peer_are_said_to_be_so(theirs: str) -> None:
 
 REAL: dict[str, Any] = {
     "stage": {"driver": "zaber_ascii", "port": "p", "microstep_m": 1e-7, "travel_m": [-0.01, 0.13]},
-    "load_cell": {"driver": "bota_serial", "port": "q", "full_scale_n": 9500, "pushes_only": False},
+    "load_cell": {
+        "driver": "bota_serial", "port": "q", "full_scale_n": 9500, "pushes_only": False, "filter_lag_s": 0,
+    },
     "gripper": {"driver": "simulated"},
-}
+}  # fmt: skip
 HELD = {"driver": "coil_serial", "port": "h", "counts_per_m": 1e6, "newton_per_ampere": 5, "max_current_a": 1}
 END: dict[str, tuple[type[Settings], dict[str, Any]]] = {
     "slave": (SlaveSettings, REAL),

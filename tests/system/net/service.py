@@ -72,6 +72,7 @@ def configure(
         slave["axes"][0]["load_cell"] = {
             "driver": "bota_serial", "port": str(folder / "cell"), "full_scale_n": 10.0, "rate_hz": CELL_HZ,
             "pushes_only": True,
+            "filter_lag_s": 0.0,
         }  # fmt: skip
     for role, own in (("slave", slave), ("master", master)):
         own["axes"][0] |= (axis or {}).get(role, {})

@@ -24,7 +24,7 @@ BENCH = """role: slave
 axes:
 - stage: {driver: zaber_ascii, port: DIR/stage, microstep_m: 1.0e-7, travel_m: [0, 0.09]}
   load_cell: {driver: bota_serial, port: DIR/cell, full_scale_n: 10, rate_hz: 200, serial: B-7,
-    pushes_only: true}
+    pushes_only: true, filter_lag_s: 0}
   gripper: {driver: simulated}
   limits: {workspace_m: [0, 0.08]}
 state: {directory: DIR/bench-state}
