@@ -39,7 +39,6 @@ ROUND_TRIPS_S = (0.02, 0.05, 0.1, 0.2, 0.3, 0.45, 0.6)
 CONTACT_M = 0.045
 STROKES = {"depth_m": 0.06, "insert_s": 0.8, "withdraw_s": 0.8}
 FAST = {"depth_m": 0.06, "insert_s": 0.6, "withdraw_s": 0.6}
-SLOWED_BY = ("contact_speed", "force")
 DURATION_S, KNOWN_S = 16.0, 8.0
 
 
@@ -201,7 +200,8 @@ def across(round_trip_s: float) -> str:
     )
     later = time_s / S > KNOWN_S
     first = np.maximum.accumulate(position_m) < CONTACT_M
-    slowed = sum(m.count for m in pair.heard.messages(LIMIT_EVENT) if m.rule in ("contact_speed", "force"))
+    ticks = sum(m.count for m in pair.heard.messages(LIMIT_EVENT) if m.rule in ("contact_speed", "force"))
+    slowed = 0.1 * ticks / DURATION_S
     fastest = [1e3 * velocity_m_s[part & (position_m < CONTACT_M)].max() for part in (first, later)]
     most = 100.0 * (np.abs(force_n).max() / LIMITS.max_force_n - 1.0)
     return f"{round_trip_s * 1e3:6.0f}{fastest[0]:12.1f}{fastest[1]:10.1f}{most:12.2f}{slowed:10.1f}"
