@@ -245,6 +245,7 @@ class MotionLimiter:
         if excess_n <= 0.0 or velocity_m_s < 0.0:
             self._deepest_m = self.position_m if velocity_m_s < 0.0 else max(self._deepest_m, self.position_m)
             return velocity_m_s
+        self.force_limited = True
         hits += [] if hits and hits[-1].rule == "force" else [LimitHit("force", force_n, self._force_n, "N")]
         left_m = self.position_m - self._deepest_m + _YIELD_M
         return -min(self._allowed_m_s(excess_n), _stoppable_m_s(left_m, self._acceleration_m_s2, self._dt_s))

@@ -10,9 +10,10 @@ from forefeel.common.bus import Bus, Publisher
 from forefeel.common.errors import DeviceError
 from forefeel.common.events.console import printable
 from forefeel.common.events.sink import HALTED, NULL_EVENT_SINK, EventSink
+from forefeel.common.events.text import CONTACT_LOST
 from forefeel.common.hardware.driver import driver_of
 from forefeel.common.heartbeats import Heartbeats
-from forefeel.common.limiter import Reaction
+from forefeel.common.limiter import LimitHit, Reaction
 from forefeel.common.messages import (
     MOST_POSITION_M,
     EmergencyStop,
@@ -300,7 +301,12 @@ class MasterAxis:
 
     def identify(self, now_ns: int) -> None:
         del now_ns
+        learner = self.identification.learner
+        lost = len(learner.lost_n)
         self.identification.run()
+        for foretold_n in learner.lost_n[lost:]:
+            self.events.limit(LimitHit(CONTACT_LOST, foretold_n, 0.0, "N"))
+            self.events.notices.add("the wall gave way: what was learned of it is forgotten")
 
     def publish_parameters(self, now_ns: int) -> None:
         learner = self.identification.learner

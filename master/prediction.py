@@ -40,7 +40,7 @@ class ExpectedSetpoint:
     """
 
     def __init__(self, limits: AxisLimits) -> None:
-        self._workspace_m = limits.workspace_m
+        self._workspace_m, self._limit_n = limits.workspace_m, limits.max_force_n
         self._limiter = MotionLimiter(limits, limits.max_acceleration_m_s2)
         self._previous_ns: int | None = None
         self._expected_n: deque[tuple[int, float]] = deque([(0, 0.0)])
@@ -98,11 +98,14 @@ class ExpectedSetpoint:
         self._limiter.reaction = reaction
 
     def _shown_n(self, stamp_ns: int, force_n: float) -> float:
-        """The force that the slave's newest reading has, of those that were expected."""
+        """The force that the slave's newest reading has, of those that were expected.
+
+        At most the limit: how far the stage yields to more comes back with the forces.
+        """
         self._expected_n.append((stamp_ns, force_n))
         while self._expected_n[0][0] < stamp_ns - self._limiter.reaction.reading_s * 1e9:
             self._expected_n.popleft()
-        return self._expected_n[0][1]
+        return min(self._expected_n[0][1], self._limit_n)
 
 
 class ForcePrediction:

@@ -30,6 +30,7 @@ from forefeel.common.estimation.contact_prior import ContactPrior
 from forefeel.common.estimation.evaluator import Evaluation, Evaluations, Evaluator, Snapshot, nothing_learned
 from forefeel.common.estimation.experts import Learning
 from forefeel.common.estimation.forces import Forces
+from forefeel.common.estimation.lost_contact import LostContact
 from forefeel.common.estimation.validity import Change, Trial
 from forefeel.common.jit import Array, kernel, record, zeros
 
@@ -81,6 +82,8 @@ class Learner:
     Attributes:
         prior: as given. fits: of the contact so far.
         renewals: how often it began anew, for what it had learned was worse than nothing, see `validity`.
+        lost_n: the force that each contact which gave way foretold then, see `lost_contact`; it begins anew,
+            and the prior goes.
     """
 
     def __init__(
@@ -92,6 +95,7 @@ class Learner:
     ) -> None:
         self._evaluation = evaluator.record
         self.prior, self._model, self._solve = prior, model, solve
+        self.lost_n: list[float] = []
         self._early: list[tuple[float, float, float]] = []
         self.fits, self.renewals = 0, -1
         self._begin_anew()
@@ -106,6 +110,7 @@ class Learner:
         validity.begin(self._knowledge["trial"])
         self._fit = ContactFit(self.prior, self._model)
         self._fitting: tuple[Fitting, Future[Contact | None]] | None = None
+        self._lost_contact = LostContact(self._fit.contact is not None)
         self.renewals += 1
 
     def take(self, stamp_s: float, force_n: float, error_m: float = 0.0) -> None:
@@ -135,7 +140,16 @@ class Learner:
 
     def _fit_contact(self, stamp_s: float, place: int, force_n: float, error_m: float) -> None:
         x_m, v_m_s, a_m_s2 = self._evaluation["stage"][0, place].tolist()
-        self._fit.observe(stamp_s, x_m + error_m, v_m_s, a_m_s2, force_n)
+        x_m += error_m
+        free_n = float(self._knowledge["forces"]["first_n"][0])
+        foretold_n = float(self._evaluation["contact_n"][0, place]) - free_n
+        contact = self._fit.contact
+        if contact and self._lost_contact.judge(stamp_s, x_m, force_n - free_n, foretold_n, contact):
+            self.lost_n.append(foretold_n)
+            self.prior = self._model = None
+            self._begin_anew()
+            return
+        self._fit.observe(stamp_s, x_m, v_m_s, a_m_s2, force_n)
         if self._fitting is not None:
             fitting, result = self._fitting
             if stamp_s >= fitting.takes_effect_s and result.done():

@@ -27,6 +27,7 @@ DECLARES = "the first arming declares that the instrument is out of contact"
 _ROUND_TRIP = "round trip "
 DISTRUSTED = "rendered_late"
 """The rule by which the hand feels the late force, for the prediction is out of reach of it."""
+CONTACT_LOST = "contact_lost"
 _LIMITED = {
     "workspace": "position kept within the workspace",
     "travel": "position kept within the travel",
@@ -37,6 +38,7 @@ _LIMITED = {
     "rendered_step": "force at the hand smoothed",
     "rendered_energy": "force at the hand kept passive",
     DISTRUSTED: "prediction not believed, the late force at the hand",
+    CONTACT_LOST: "the wall gave way, what was learned of it is forgotten",
 }
 """What became of a motion or a force by a rule; of others that they were limited."""
 

@@ -1,0 +1,51 @@
+"""Whether the contact that was learned gave way. Pure.
+
+A zero at a place that was not touched before says nothing. One that answers a motion deeper than the
+remembered contact, by more than its band in place and in force, says that the wall is gone: what was learned
+of it would be felt where nothing is. A wall that moves with heart or breath stays within that band.
+"""
+
+from math import inf
+
+from forefeel.common.estimation.contact_fit import Contact
+from forefeel.common.estimation.contact_model import WAVES
+from forefeel.common.estimation.contact_prior import CONTACT
+
+_LASTS_S = 0.03  # a force that crosses zero is no wall that is gone
+_ZERO = 0.1  # of the force that the contact foretold
+_FURTHER = 3.0  # times the largest force that was felt: beyond, a contact that has just begun says anything
+_DEVIATIONS, _NOISES = 3.0, 8.0  # of the place of the contact; of what the contact model leaves unexplained
+_KEEPS = 0.9  # of what was unexplained, by fit: a fit that begins anew has not seen yet how the wall moves
+_MOVES, _MOVES_S = 0.3, 1.5  # of how deep it was touched, until some seconds of contact have shown the motion
+
+
+class LostContact:
+    """Judges forces in the order of their stamps. `taught`: a contact is known before any force."""
+
+    def __init__(self, taught: bool) -> None:
+        self._contact: Contact | None = None
+        self._since_s, self._deepest_m, self._largest_n = inf, -inf, inf if taught else 0.0
+        self._noise_n = self._place_m = self._force_n = self._moves = 0.0
+
+    def judge(self, t_s: float, x_m: float, force_n: float, foretold_n: float, contact: Contact) -> bool:
+        """True once zero has lasted. `x_m`: of the stage then; both forces less that of no contact."""
+        if CONTACT not in contact.names:
+            return False  # touched everywhere
+        if contact is not self._contact:
+            self._take(contact)
+        self._largest_n = max(self._largest_n, abs(force_n))
+        deep_m, deepest_m = x_m - contact.shape[0], self._deepest_m - contact.shape[0]
+        beyond = deep_m > self._place_m + self._moves * max(0.0, deepest_m)
+        known = self._force_n < foretold_n < _FURTHER * self._largest_n
+        if beyond and known and abs(force_n) < _ZERO * foretold_n:
+            self._since_s = min(self._since_s, t_s)
+        else:
+            self._since_s, self._deepest_m = inf, max(self._deepest_m, x_m)
+        return t_s - self._since_s > _LASTS_S
+
+    def _take(self, contact: Contact) -> None:
+        known = dict(zip(contact.names, contact.values, strict=True))
+        self._contact, self._noise_n = contact, max(contact.noise_n, _KEEPS * self._noise_n)
+        self._force_n = _NOISES * self._noise_n + 2.0 * sum(abs(known.get(wave, 0.0)) for wave in WAVES)
+        self._place_m = _DEVIATIONS * contact.standard_deviations[contact.names.index(CONTACT)]
+        self._moves = _MOVES / (1.0 + (contact.contact_s / _MOVES_S) ** 2)
