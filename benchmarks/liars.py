@@ -5,7 +5,7 @@ from the start. Printed: when that is a fault; how long the stage was 0.02 mm of
 deviation until then; its way once it is free again; the force then, and the largest of 6 s. `healthy`: both
 instruments, five seeds, every cause of `benchmarks.hidden_in_service` hidden from 2 s on. `recordings`: each
 in FOREFEEL_DATA as the motion of the hand, in mm where it is no length. Default: all of them; exit code 1: a
-healthy device was not believed.
+healthy device was not believed, or one of `ALARMS` was raised.
 """
 
 import os
@@ -13,12 +13,15 @@ import re
 import sys
 import tempfile
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from random import Random
 from typing import Any
 
 from benchmarks.hidden_in_service import HIDDEN, write_model
+from forefeel.common.events.text import CONTACT_LOST, DISTRUSTED, OVER_LIMIT, SLOW_LIMIT, ZERO
+from forefeel.common.limiter import LimitHit
 from forefeel.common.recording.units import Mapping
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
@@ -32,13 +35,15 @@ _SLOW_M_S = 0.020
 INSTRUMENTS = {"catheter": 1.0, "guidewire": 0.1}
 """And by how much what is hidden is weaker: a guidewire's forces, and its force limit, are a tenth."""
 SEEDS = range(5)
+ALARMS = {OVER_LIMIT, SLOW_LIMIT, ZERO, DISTRUSTED, CONTACT_LOST, "reading_late"}
 _NO_LENGTHS = "davinci", "robot_joint", "silverbox"
 
 
 @dataclass(slots=True)
 class Outcome:
     """`fault`: why, empty for none. `off_s`: when the stage was 0.02 mm off. `deviation_m`, `force_n`: up to
-    the fault. `leap_m`: the way of the stage once it is free. `most_n`: of the true force in the whole run.
+    the fault. `leap_m`: the way of the stage once it is free. `alarms`: rules. `most_n`: of the true force in
+    the whole run.
     """
 
     fault: str = ""
@@ -46,6 +51,7 @@ class Outcome:
     off_s: float = 0.0
     deviation_m: float = 0.0
     leap_m: float = 0.0
+    alarms: set[str] = field(default_factory=set)
     force_n: float = 0.0
     most_n: float = 0.0
 
@@ -61,6 +67,9 @@ def run(options: LoopbackOptions, lie: Callable[[SimulatedWorld], object] = lamb
     world: SimulatedWorld = axis._devices.stage._world  # type: ignore[attr-defined]
     start_ns, lies = loop.runtime.clock.now_ns(), lie(world)
     freed_m: list[float] = []
+
+    for events in (axis.events, loop.master.axes[0].events):
+        vars(events)["limit"] = partial(_heeded, events.limit, outcome.alarms)
 
     def look(now_ns: int) -> None:
         t = (now_ns - start_ns) * 1e-9
@@ -79,6 +88,11 @@ def run(options: LoopbackOptions, lie: Callable[[SimulatedWorld], object] = lamb
     loop.runtime.loop("look", 1_000_000, look)
     loop.run(lambda _: None)
     return outcome
+
+
+def _heeded(limit: Callable[[LimitHit], None], alarms: set[str], hit: LimitHit) -> None:
+    limit(hit)
+    alarms |= {hit.rule} & ALARMS
 
 
 # --- Lies ---
@@ -222,7 +236,7 @@ def _recordings() -> Iterator[str]:
 
 
 def _told(name: str, found: list[Outcome]) -> Iterator[str]:
-    faults = [each.fault for each in found if each.fault]
+    faults = [each.fault or " ".join(each.alarms) for each in found if each.fault or each.alarms]
     print(f"{name}: {max(each.deviation_m for each in found) * 1e3:.3f} mm", *faults, sep=", ", flush=True)
     yield from faults
 

@@ -59,7 +59,8 @@ class SlaveAxis:
         self._event_sink = event_sink
         self._watch = DeviceWatch(devices, following_watch(settings), self._device_failed)
         self._pushes = PushWatch(settings.limits.max_force_n if settings.pushes_only else inf)
-        self._polarity = PolarityWatch(settings.limits.max_force_n)
+        recorded = settings.gate.force_timeout_s is None  # in which sense, nobody knows
+        self._polarity = PolarityWatch(inf if recorded else settings.limits.max_force_n)
         self._device_reports = DeviceReports(devices.stage, devices.load_cell, bus)
         self._session = SlaveSession(cell, settings, devices, bus, instance_id, self.events)
         self._receiver = CommandReceiver(settings, self._session, self.events)

@@ -2,7 +2,7 @@
 
 from bisect import bisect_left
 from collections import deque
-from math import exp, sqrt
+from math import exp, inf, sqrt
 from typing import NamedTuple
 
 from forefeel.common.bus import Publisher
@@ -24,8 +24,9 @@ holds at any lateness, for it knows the age of each reading."""
 _PULL_NS, _CONTACT_NS = 10_000_000, 5_000_000  # for how long a pull, or a first contact, lasts that is one
 _BACK_M = 0.002
 """Further back the force may be friction of the way out; nearer, it reverses within presliding, 0.3 mm."""
+_PRESLIDING_M = 3e-4
 _INWARD_M, _INWARD_M_S = 1e-3, 2e-3
-"""Beyond presliding of the presets (force / stiffness 0.3 mm) and the tremor of a hand that holds still."""
+"""Presliding of the presets (force / stiffness); beyond it and the tremor of a hand that holds still."""
 _BLIND_SHARE = 0.9
 """A blind cell may hide that the force grew: from this share of the limit on the stage may only relieve."""
 
@@ -197,30 +198,27 @@ class PushWatch:
 
 
 class PolarityWatch:
-    """Finds a load cell of the wrong sign: the first contact takes work, its force is against the way on
-    which the stage came where it had not been. A late force may find it on its way back already.
+    """Finds a load cell of the wrong sign: the first contact on a way in that began free pushes back.
+
+    A late force may show it on the way back already. A force that the way in begins with tells nothing.
     """
 
     def __init__(self, limit_n: float) -> None:
         self._free_n = OVER_SHARE * limit_n
-        self._low_m = self._high_m = 0.0
-        self._inward: bool | None = None
+        self._start_m = self._deepest_m = 0.0
         self._free_ns = 0
-        self._known = False
+        self._known = self._loaded = False
 
     def fault(self, now_ns: int, position_m: float, force_n: float, following: bool) -> str | None:
         """Why the load cell may not be believed."""
-        if self._known or not following:
-            self._low_m = self._high_m = position_m
-            self._inward, self._free_ns = None, now_ns
-            return None
-        if not self._low_m <= position_m <= self._high_m:
-            self._inward = position_m > self._high_m
-            self._low_m, self._high_m = min(self._low_m, position_m), max(self._high_m, position_m)
-        back_m = self._high_m - position_m if self._inward else position_m - self._low_m
-        if abs(force_n) <= self._free_n or self._inward is None or back_m > _BACK_M:
+        free = abs(force_n) <= self._free_n
+        if not following:
+            self._start_m, self._deepest_m, self._loaded = position_m, -inf, not free
+        self._deepest_m = max(self._deepest_m, position_m)
+        came_in = self._deepest_m - self._start_m > _PRESLIDING_M and self._deepest_m - position_m < _BACK_M
+        if free or not came_in or self._known or self._loaded:
             self._free_ns = now_ns
         if now_ns - self._free_ns < _CONTACT_NS:
             return None
-        self._known = (force_n > 0.0) == self._inward
-        return None if self._known else "load cell gives work in the first contact: check load_cell.sign"
+        self._known = force_n > 0.0
+        return None if self._known else "load cell pulls in the first contact: check load_cell.sign"

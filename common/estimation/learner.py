@@ -110,7 +110,7 @@ class Learner:
         validity.begin(self._knowledge["trial"])
         self._fit = ContactFit(self.prior, self._model)
         self._fitting: tuple[Fitting, Future[Contact | None]] | None = None
-        self._lost_contact = LostContact(self._fit.contact is not None)
+        self._lost_contact = LostContact()
         self.renewals += 1
 
     def take(self, stamp_s: float, force_n: float, error_m: float = 0.0) -> None:

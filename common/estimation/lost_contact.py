@@ -13,31 +13,29 @@ from forefeel.common.estimation.contact_prior import CONTACT
 
 _LASTS_S = 0.03  # a force that crosses zero is no wall that is gone
 _ZERO = 0.1  # of the force that the contact foretold
-_FURTHER = 3.0  # times the largest force that was felt: beyond, a contact that has just begun says anything
+_LEAST_S = 0.5  # of contact
 _DEVIATIONS, _NOISES = 3.0, 8.0  # of the place of the contact; of what the contact model leaves unexplained
 _KEEPS = 0.9  # of what was unexplained, by fit: a fit that begins anew has not seen yet how the wall moves
 _MOVES, _MOVES_S = 0.3, 1.5  # of how deep it was touched, until some seconds of contact have shown the motion
 
 
 class LostContact:
-    """Judges forces in the order of their stamps. `taught`: a contact is known before any force."""
+    """Judges forces in the order of their stamps."""
 
-    def __init__(self, taught: bool) -> None:
+    def __init__(self) -> None:
         self._contact: Contact | None = None
-        self._since_s, self._deepest_m, self._largest_n = inf, -inf, inf if taught else 0.0
+        self._since_s, self._deepest_m = inf, -inf
         self._noise_n = self._place_m = self._force_n = self._moves = 0.0
 
     def judge(self, t_s: float, x_m: float, force_n: float, foretold_n: float, contact: Contact) -> bool:
         """True once zero has lasted. `x_m`: of the stage then; both forces less that of no contact."""
-        if CONTACT not in contact.names:
-            return False  # touched everywhere
+        if CONTACT not in contact.names or contact.contact_s < _LEAST_S:
+            return False  # touched everywhere, or hardly known
         if contact is not self._contact:
             self._take(contact)
-        self._largest_n = max(self._largest_n, abs(force_n))
         deep_m, deepest_m = x_m - contact.shape[0], self._deepest_m - contact.shape[0]
         beyond = deep_m > self._place_m + self._moves * max(0.0, deepest_m)
-        known = self._force_n < foretold_n < _FURTHER * self._largest_n
-        if beyond and known and abs(force_n) < _ZERO * foretold_n:
+        if beyond and foretold_n > self._force_n and abs(force_n) < _ZERO * foretold_n:
             self._since_s = min(self._since_s, t_s)
         else:
             self._since_s, self._deepest_m = inf, max(self._deepest_m, x_m)

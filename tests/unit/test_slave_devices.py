@@ -173,11 +173,12 @@ def test_pull_on_the_way_in_is_a_fault(
     [
         (-0.2, (0.0, 0.004), True),
         (0.2, (0.0, 0.004), False),
-        (0.2, (0.0, -0.004), True),
+        (0.2, (0.0, -0.004), False),  # a wall that moves, on the way out
         (-0.2, (0.0, 0.009, 0.006), False),  # friction of the way out
         (-0.2, (0.0, 0.004, 0.003), True),  # late
         (-0.04, (0.0, 0.004), False),
         (-0.2, (0.0,), False),
+        (-0.2, (0.0, 0.0002), False),
     ],
 )
 def test_polarity_is_told_by_the_way_on_which_the_first_force_came(
@@ -190,6 +191,13 @@ def test_polarity_is_told_by_the_way_on_which_the_first_force_came(
         watch.fault(ms * MS, position_m, 0.0, following=True)
     found = [watch.fault((10 + ms) * MS, way_m[-1], force_n, following=True) for ms in range(10)]
     assert any(found) == fault
+
+
+def test_a_wire_that_is_inserted_already_tells_nothing_of_polarity() -> None:
+    """Its friction turns on the way, whatever that is."""
+    watch = PolarityWatch(1.0)
+    watch.fault(0, 0.0, -0.2, following=False)
+    assert not any(watch.fault(ms * MS, 0.001 * ms, -0.2, following=True) for ms in range(1, 20))
 
 
 CELL = LoadCellCalibration(
