@@ -1,9 +1,8 @@
 """A wall that gives way, and walls that only move: both ends at 300 ms in virtual time."""
 
-from math import pi, sin
+from math import inf, pi, sin
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from benchmarks.felt_force import CONTACT_M, TAPPING, Row
@@ -11,14 +10,21 @@ from forefeel.common.events.text import CONTACT_LOST
 from forefeel.common.topics import FORCE, HAPTICS, MASTER_LIMIT
 from tests.simulation.pair import Pair, S
 
-DELAY_S, DURATION_S = 0.3, 16.0
+DELAY_S, DURATION_S = 0.3, 11.0
 FELT_N, ZERO_LASTS_S = 0.05, 0.1
 
 
 class Wall:
     """Both ends at a wall that moves by `moves_m` each way at 1.2 Hz, and is no more from `gone_s` on."""
 
-    def __init__(self, row: Row, prior_dir: Path | None, seed: int, gone_s: float, moves_m: float) -> None:
+    def __init__(
+        self,
+        row: Row,
+        seed: int,
+        prior_dir: Path | None = None,
+        gone_s: float = inf,
+        moves_m: float = 0.0,
+    ) -> None:
         plan = row.plan(seed, prior_dir)
         self.pair = Pair(plan.slave, plan.master)
         self.start_ns = self.pair.runtime.clock.now_ns()
@@ -55,34 +61,34 @@ class Wall:
         return max(felt_s) - zero_s - DELAY_S / 2
 
 
-@pytest.mark.parametrize(("stiffness_n_m", "gone_s"), [(300.0, 12.0), (1000.0, 10.3), (3000.0, 12.0)])
+@pytest.mark.parametrize(("stiffness_n_m", "gone_s"), [(300.0, 7.0), (1000.0, 8.0)])
 def test_a_wall_that_gave_way_is_felt_no_longer_than_a_tenth_of_a_second(
     stiffness_n_m: float, gone_s: float
 ) -> None:
-    wall = Wall(Row("gone", stiffness_n_m, DELAY_S), None, seed=4, gone_s=gone_s, moves_m=0.0)
+    wall = Wall(Row("gone", stiffness_n_m, DELAY_S), seed=4, gone_s=gone_s)
     assert wall.felt_s() < ZERO_LASTS_S
     assert wall.lost == 1
 
 
 def test_a_prior_of_a_wall_that_gave_way_is_forgotten_too(tmp_path: Path) -> None:
     row = Row("gone", 1000.0, DELAY_S, again=True)
-    first = Wall(row, tmp_path, seed=5, gone_s=np.inf, moves_m=0.0).pair
+    first = Wall(row, 5, tmp_path).pair
+    first.run(6.0)  # of contact there is enough for a prior
     first.master.shut_down()
     first.run(1.0)
     first.master.close(first.runtime.clock.now_ns())
     assert list(tmp_path.iterdir())
-    again = Wall(row, tmp_path, seed=6, gone_s=7.0, moves_m=0.0)
+    again = Wall(row, 6, tmp_path, gone_s=5.0)
     assert again.felt_s() < ZERO_LASTS_S
 
 
 @pytest.mark.parametrize(
     ("row", "moves_m"),
     [
-        (Row("moves", 1000.0, DELAY_S), 0.5e-3),
         (Row("moves", 3000.0, DELAY_S), 0.5e-3),
         (Row("tapping", 3000.0, DELAY_S, hand=TAPPING), 0.0),
     ],
 )
 def test_a_wall_that_moves_or_is_tapped_is_not_forgotten(row: Row, moves_m: float) -> None:
-    wall = Wall(row, None, seed=4, gone_s=np.inf, moves_m=moves_m)
+    wall = Wall(row, seed=4, moves_m=moves_m)
     assert wall.lost == 0
