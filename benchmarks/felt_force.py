@@ -138,7 +138,8 @@ LATE_ROWS = tuple(
 )
 HELD = tuple(replace(row, name=f"held force, {row.name}", source="zoh") for row in STEADY)
 TRUE = tuple(
-    replace(row, name=f"true force, {row.name}", source="true") for row in (*STEADY, *ROWS[-4:-2], *HANDS)
+    replace(row, name=f"true force, {row.name}", source="true")
+    for row in (*STEADY, *ROWS[-4:-2], *HANDS, *LATE_ROWS[2 * len(ROWS) :])
 )
 
 
