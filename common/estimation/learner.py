@@ -144,7 +144,7 @@ class Learner:
         free_n = float(self._knowledge["forces"]["first_n"][0])
         foretold_n = float(self._evaluation["contact_n"][0, place]) - free_n
         contact = self._fit.contact
-        if contact and self._lost_contact.judge(stamp_s, x_m, force_n - free_n, foretold_n, contact):
+        if contact and self._lost_contact.judge(stamp_s, x_m, v_m_s, force_n - free_n, foretold_n, contact):
             self.lost_n.append(foretold_n)
             self.prior = self._model = None
             self._begin_anew()

@@ -13,7 +13,7 @@ from forefeel.common.estimation.contact_prior import CONTACT
 
 _LASTS_S = 0.03  # a force that crosses zero is no wall that is gone
 _ZERO = 0.1  # of the force that the contact foretold
-_LEAST_S = 0.5  # of contact
+_LEAST_S, _OUT_S = 0.5, 2.0  # of contact; on the way out, where friction that turns may make a zero
 _DEVIATIONS, _NOISES = 3.0, 8.0  # of the place of the contact; of what the contact model leaves unexplained
 _KEEPS = 0.9  # of what was unexplained, by fit: a fit that begins anew has not seen yet how the wall moves
 _MOVES, _MOVES_S = 0.3, 1.5  # of how deep it was touched, until some seconds of contact have shown the motion
@@ -27,9 +27,11 @@ class LostContact:
         self._since_s, self._deepest_m = inf, -inf
         self._noise_n = self._place_m = self._force_n = self._moves = 0.0
 
-    def judge(self, t_s: float, x_m: float, force_n: float, foretold_n: float, contact: Contact) -> bool:
-        """True once zero has lasted. `x_m`: of the stage then; both forces less that of no contact."""
-        if CONTACT not in contact.names or contact.contact_s < _LEAST_S:
+    def judge(
+        self, t_s: float, x_m: float, v_m_s: float, force_n: float, foretold_n: float, contact: Contact
+    ) -> bool:
+        """True once zero has lasted. `x_m`, `v_m_s`: of the stage; both forces less that of no contact."""
+        if CONTACT not in contact.names or contact.contact_s < (_OUT_S if v_m_s < 0.0 else _LEAST_S):
             return False  # touched everywhere, or hardly known
         if contact is not self._contact:
             self._take(contact)
