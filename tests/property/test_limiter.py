@@ -109,8 +109,8 @@ WITHOUT: dict[str, dict[str, Any]] = {
     "force": {"max_force_n": 9000.0, "stiffest_wall_n_m": 1e-3},
 }
 SAID_BY = {
-    "workspace": {"workspace", "velocity"},
-    "velocity": {"velocity", "force"},  # of a motion out of a wall that pushes
+    "workspace": {"workspace", "velocity", "force"},  # force: of a motion out of a wall that pushes
+    "velocity": {"velocity", "force"},
     "force": {"force", "contact_speed"},
 }
 
