@@ -1,4 +1,4 @@
-"""How a device is reached, and which way it counts."""
+"""Settings of a device's port or bus, and of its scale."""
 
 from typing import Annotated, Literal
 
