@@ -57,7 +57,7 @@ class LineParser:
         """The numbers of the lines that are complete now, oldest first; never raises."""
         self._buffer += data
         *lines, rest = _ENDS.split(self._buffer)
-        found = [
+        readings = [
             AsciiReading(number, len(line) + 2)
             for line in lines
             if (number := self._number(bytes(line))) is not None
@@ -66,9 +66,10 @@ class LineParser:
             self.counters["junk_bytes"] += len(rest)
             self._skipping, rest = True, bytearray()
         self._buffer = bytearray(rest)
-        return found
+        return readings
 
     def _number(self, line: bytes) -> float | None:
+        """The number in a line, counted; None for one that is cut, too long, or no number."""
         skipping, self._skipping = self._skipping, False
         if not line and not skipping:
             return None

@@ -121,11 +121,7 @@ class Cia402Homing:
         self._at = 0.0
 
     def __enter__(self) -> "Cia402Homing":
-        """Connects; nothing moves.
-
-        Raises:
-            DeviceSetupError: it can not be homed as the settings have it.
-        """
+        """Connects; nothing moves. DeviceSetupError: it can not be homed as the settings have it."""
         self._bus = acquire(self._settings.can)
         try:
             with self._device() as (_, device):
