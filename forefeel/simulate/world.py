@@ -11,8 +11,7 @@ from forefeel.common.recording.recording import Array
 from forefeel.simulate.motion import MotionPiece
 
 PHYSICS_HZ = 10_000  # least rate of the integration
-_CHUNK = 1000
-"""Stamps per stretch of integration: bounds the memory and paces the progress."""
+_CHUNK = 1000  # stamps per stretch of integration: bounds the memory and paces the progress
 
 
 def integrate(
