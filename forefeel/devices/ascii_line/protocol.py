@@ -13,10 +13,8 @@ from typing import Literal, NamedTuple
 
 Unit = Literal["newton", "millipound_force", "counts"]
 
-NEWTON_PER_UNIT = {"newton": 1.0, "millipound_force": 4.4482216152605e-3}
-"""Counts have none: they need a calibration."""
-COUNTS_RANGE = -(1 << 23), (1 << 23) - 1
-"""Where the 24 bit of an HX711 end: at either end it is overrange."""
+NEWTON_PER_UNIT = {"newton": 1.0, "millipound_force": 4.4482216152605e-3}  # counts need a calibration
+COUNTS_RANGE = -(1 << 23), (1 << 23) - 1  # where the 24 bit of an HX711 end: at either end it is overrange
 
 # bytes of a line that may be a number: label, number and unit take at most 57 (`_LINE`), blanks not counted
 _MAX_LINE_BYTES = 64

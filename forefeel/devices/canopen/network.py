@@ -134,9 +134,7 @@ _lock = Lock()
 
 def acquire(settings: CanSettings) -> SharedNetwork:
     """Opens the bus, or shares the network that has it open; `release` it once for each call.
-
-    Raises:
-        DeviceSetupError: the bus can not be opened, or is open with another bitrate.
+    DeviceSetupError: the bus can not be opened, or is open with another bitrate.
     """
     key = settings.interface, settings.channel
     with _lock:

@@ -65,9 +65,7 @@ class RemoteDevice:
 
     def identify(self, expected: int) -> None:
         """Reads identity and serial number (0: not told) into the link, in PRE-OPERATIONAL; IDENTIFIED.
-
-        Raises:
-            DeviceSetupError: nobody answers, or it is a device of another profile than `expected`.
+        DeviceSetupError: nobody answers, or it is a device of another profile than `expected`.
         """
         self.order(ENTER_PREOPERATIONAL)
         try:
@@ -88,10 +86,8 @@ class RemoteDevice:
         self._shared.send(NMT, bytes([command, self.node]))
 
     def read(self, entry: ObjectEntry, otherwise: float | None = None) -> float:
-        """Value of an entry; `otherwise`, where it is given, when the device refuses.
-
-        Raises:
-            DeviceError: no answer, refused, or too short.
+        """Value of an entry; `otherwise`, where it is given, when the device refuses. DeviceError: no answer,
+        refused, or too short.
         """
         try:
             return entry.unpack(self._try("reading", entry, None))
@@ -103,11 +99,8 @@ class RemoteDevice:
             return otherwise
 
     def write(self, entry: ObjectEntry, value: float) -> None:
-        """Writes, and reads it back.
-
-        Raises:
-            DeviceError: no answer, or refused.
-            DeviceSetupError: the device took another value.
+        """Writes, and reads it back. DeviceError: no answer, or refused. DeviceSetupError: the device took
+        another value.
         """
         try:
             self._try("writing", entry, entry.pack(value))

@@ -264,7 +264,7 @@ class DriveModel:
         self._synced_s = t_s
 
     def lose_host(self) -> None:
-        """Reacts, as object 6007 says, to the end of the host's heartbeat or of the PDOs."""
+        """While enabled: quick stop if object 6007 says so, else a fault; nothing in other states."""
         if self.state is not DriveState.ENABLED:
             return
         if self.objects[cia402.ABORT_OPTION] == cia402.ABORT_QUICK_STOP:
@@ -434,7 +434,7 @@ class Drive402(CanopenDevice):
         self.model.lose_host()
 
     def live(self, t_s: float) -> None:
-        """Moves the drive on; the host is lost when its heartbeat, once heard, stays away."""
+        """Moves the drive on; the host is lost when its heartbeat, once received, stays away."""
         if self._last_beat_s is not None and t_s - self._last_beat_s > self._silence_s:
             self.model.advance(self._last_beat_s + self._silence_s)
             self._last_beat_s = None

@@ -37,12 +37,13 @@ STAY_IN_QUICK_STOP = 6  # 605A: slows down on the quick-stop ramp, then holds in
 DISABLE_VOLTAGE, QUICK_STOP, SHUTDOWN, SWITCH_ON, ENABLE = 0x00, 0x02, 0x06, 0x07, 0x0F
 FAULT_RESET = 0x80  # bit 7 of the controlword: its rising edge resets a fault (CiA 402)
 
-NEGATIVE_SWITCH, POSITIVE_SWITCH = 17, 18
-"""6098: onto that limit switch, then off it; its edge is the reference."""
+NEGATIVE_SWITCH, POSITIVE_SWITCH = (
+    17,
+    18,
+)  # 6098: onto that limit switch and off it; its edge is the reference
 HERE = frozenset({35, 37})  # 6098: where it stands is the reference; nothing moves (CiA 402)
 HALT = 1 << 8  # bit of the controlword: interrupts a motion (CiA 402)
-HOMING_START = 1 << 4
-"""Controlword in the mode of homing: the rising edge begins, it ends when the bit falls."""
+HOMING_START = 1 << 4  # controlword in the mode of homing: the rising edge begins, it ends when the bit falls
 TARGET_REACHED, HOMING_ATTAINED, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
 """Statusword in the mode of homing; none of them: under way; the first alone: interrupted, or not begun."""
 
@@ -135,10 +136,8 @@ class DriveMachine:
         self.phase = Phase.PASSIVE
 
     def step(self, statusword: int) -> int:
-        """The controlword that answers this statusword.
-
-        Raises:
-            DeviceError: the drive is not where it ought to be; the machine is passive from now on.
+        """The controlword that answers this statusword. DeviceError: the drive is not where it ought to be;
+        the machine is passive from now on.
         """
         word = self._word(drive_state(statusword), statusword)
         self._bit_7_was_low = not word & FAULT_RESET

@@ -26,8 +26,7 @@ STATUS = ObjectEntry(0x6150, 1, "B")
 NOT_VALID, OVER, UNDER = 1, 2, 4  # bits of 6150, see above
 _FLAWS = {NOT_VALID: "not_valid", OVER: "overrange", UNDER: "underrange"}
 
-NEWTON = 0x0021_0000
-"""6131 after CiA 303-2: prefix 10^0, numerator 21."""
+NEWTON = 0x0021_0000  # 6131 after CiA 303-2: prefix 10^0, numerator 21
 
 
 def newton_per_unit(code: int) -> float | None:

@@ -285,7 +285,7 @@ class CoilHandle:
         self._conversation.stop()
 
     def rearm(self) -> None:
-        """The explicit act after a fault; no current before the next `render`.
+        """Re-arms the link, the explicit act after a fault; no current before the next `render`.
 
         Raises:
             DeviceError: the handshake has not been done again.

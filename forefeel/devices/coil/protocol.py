@@ -112,7 +112,7 @@ Frame = CoilState | CoilCommand | Identify | CoilIdentity
 
 
 def encode(frame: Frame) -> bytes:
-    """The frame on the wire; numbers that do not fit are clamped, texts cut to 32 characters."""
+    """Encodes a frame for the wire; clamps numbers that do not fit, cuts texts to 32 characters."""
     match frame:
         case CoilState():
             sequence, time_us = frame.sequence & _MOST_U16, frame.time_us & 0xFFFFFFFF

@@ -13,8 +13,7 @@ from forefeel.common.errors import DeviceError, InputError
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.runtime.realtime import go_before
 
-Steps = Iterator[float]
-"""The steps of an exchange; each value: s until the next one."""
+Steps = Iterator[float]  # the steps of an exchange; each value: s until the next one
 RETRY_S = 0.5  # s from a fault to the next handshake
 _CYCLE_S = 0.1  # s, longest wait that is a cycle: it is kept while the exchange is brought to its end
 _STEPS = 10  # priority: ahead of what computes, for steps are short and paced; behind the 1 kHz loop

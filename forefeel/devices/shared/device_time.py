@@ -36,10 +36,8 @@ class DeviceTime:
         self._stamp_ns: int | None = None
 
     def stamps(self, device_us: Sequence[int], now_ns: int) -> list[int]:
-        """Stamps of readings that came together at `now_ns`: increasing, none after `now_ns`.
-
-        Raises:
-            DeviceError: the device's clock jumped: it was reset.
+        """Stamps of readings that came together at `now_ns`: increasing, none after `now_ns`. DeviceError:
+        the device's clock jumped: it was reset.
         """
         unwrapped = [self._unwrapped(t_us, now_ns) for t_us in device_us]
         if not unwrapped:

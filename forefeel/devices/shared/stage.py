@@ -28,9 +28,7 @@ class PositionScale(NamedTuple):
 
 def calibrated(settings: ScaledStageSettings, serial: str) -> tuple[StageCalibration | None, PositionScale]:
     """Loads the calibration that the settings name, None without one; and the scale: its, else the settings'.
-
-    Raises:
-        DeviceSetupError: it is of another device, out of date, or does not fit the settings.
+    DeviceSetupError: it is of another device, out of date, or does not fit the settings.
     """
     path, native_per_m = settings.calibration, settings.native_per_m
     if path is None:

@@ -172,7 +172,7 @@ class Arm:
         self.position_m, self.velocity_m_s = position_m, 0.0
 
     def advance(self, reference_m: float, reference_m_s: float, force_n: float, dt_s: float) -> None:
-        """Moves on by dt under a reference and a force of the handle that resists insertion."""
+        """Moves hand and velocity on by dt, under a reference and a force that resists insertion."""
         steps = max(1, int(dt_s / 0.5e-3 + 0.999))
         h = dt_s / steps
         for _ in range(steps):

@@ -83,11 +83,8 @@ class ZaberTalk:
         self.others: set[int] = set()
 
     def ask(self, text: str, axis: int | None = None, tries: int = _MOST_ASKED) -> str:
-        """Sends a command, again when no reply comes; returns the data of the reply.
-
-        Raises:
-            SilenceError: no answer that often.
-            RejectedError: the device does not take it.
+        """Sends a command, again when no reply comes; returns the data of the reply. SilenceError: no answer
+        that often. RejectedError: the device does not take it.
         """
         for _ in range(tries):
             (reply,) = self.exchange([text], axis, patient=True)
@@ -118,11 +115,8 @@ class ZaberTalk:
     def exchange(
         self, texts: Sequence[str], axis: int | None = None, patient: bool = False
     ) -> list[Timed[Reply] | None]:
-        """Sends commands in one go and waits; their replies, None where none came in time.
-
-        Raises:
-            SilenceError: nothing came three times in a row (unless `patient`).
-            DeviceError: the device is gone.
+        """Sends commands in one go and waits; their replies, None where none came in time. SilenceError:
+        nothing came three times in a row (unless `patient`). DeviceError: the device is gone.
         """
         sent_ns, ids = self._clock.now_ns(), self.post(texts, axis)
         received = self._collect(ids, sent_ns)
@@ -348,9 +342,7 @@ class ZaberExchange:
 
     def begin(self) -> None:
         """Acknowledges old faults and reads the position, at the start and after an explicit re-arming.
-
-        Raises:
-            DeviceSetupError: one stays, or the stage is not homed.
+        DeviceSetupError: one stays, or the stage is not homed.
         """
         self._last_ns = None
         clear_faults(self._talk, self._link)
@@ -363,10 +355,8 @@ class ZaberExchange:
         self._store((asked_ns + self._clock.now_ns()) // 2, x_m)
 
     def step(self) -> None:
-        """Sends the order that is due, and asks for the position in the same exchange.
-
-        Raises:
-            DeviceError: a rejected command, a warning flag that forbids motion, silence, the port is gone.
+        """Sends the order that is due, and asks for the position in the same exchange. DeviceError: a
+        rejected command, a warning flag that forbids motion, silence, the port is gone.
         """
         began_ns = self._clock.now_ns()
         stop_due, setpoint = self._due(began_ns)
@@ -408,10 +398,8 @@ class ZaberExchange:
             self._link.counters["stops_not_sent"] += 1  # the bounded target stops it
 
     def rest(self) -> None:
-        """Stops, and waits until the stage is at rest.
-
-        Raises:
-            DeviceError: it does not answer, or does not come to rest.
+        """Stops, and waits until the stage is at rest. DeviceError: it does not answer, or does not come to
+        rest.
         """
         self._talk.ask("stop", tries=_MOST_SILENT)
         until_ns = self._clock.now_ns() + _REST_NS
