@@ -263,8 +263,9 @@ class Process:
 
 @contextmanager
 def _process(settings: DaemonSettings, host: Host | None, connect: Connect) -> Iterator[Process]:
-    """Runtime, state folder and control socket of a daemon, in a process whose every thread is ahead of the
-    machine's other work, below the loop, once its transport is open (docs/decisions/0008).
+    """Opens runtime, state folder and control socket of a daemon for the length of a block. Once the
+    transport is open, every thread of the process is ahead of the machine's other work, below the loop
+    (docs/decisions/0008).
 
     The process is settled before a device is opened: it would hear nothing of us meanwhile. The control
     socket is open before the network: a stop needs no connection.
@@ -315,7 +316,7 @@ class SessionWatch:
         self._open = self._lost = False
 
     def look(self, now_ns: int) -> bool:
-        """Reports changes of the sessions; true when every axis has one. To be called many times a second.
+        """Prints changes of the sessions; true when every axis has one. To be called many times a second.
         ConfigurationError: the settings of both ends differ, which does not come right by waiting.
         """
         missing = self._missing()

@@ -55,7 +55,7 @@ def observer(
     pki: Path | None,
     through_router: bool,
 ) -> ObserverSettings:
-    """The settings of a file, or of the options in its place.
+    """Loads the settings from a file, or takes the options in its place.
 
     Raises:
         ConfigurationError: both, neither, or a value that can not be used.

@@ -87,8 +87,8 @@ def reach(endpoint: str, identity: PartyFiles | None, other: str, timeout_s: flo
 
 
 def _shake_hands(plain: socket.socket, host: str, identity: PartyFiles, round_trip_s: float) -> float:
-    """Duration of the handshake in s, with what Zenoh asks for: our authority, the name of the host, and our
-    certificate to show. OSError: it failed.
+    """Does the TLS handshake as Zenoh does, with our authority, the host's name and our certificate; returns
+    its duration in s. OSError: it failed.
     """
     context = ssl.create_default_context(cafile=str(identity.authority))
     context.load_cert_chain(str(identity.certificate), str(identity.key))

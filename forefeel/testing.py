@@ -460,9 +460,7 @@ class LoadCellContract(DriverContract):
         return list(device.read(bench.time.now_ns(), None))
 
     def require_fault(self, bench: EmulatedBench, device: Any) -> None:  # noqa: ANN401
-        """Reads until the driver raises, or has had no new valid reading for a while; AssertionError if
-        neither.
-        """
+        """Reads until the driver raises or has no new valid reading for a while, else AssertionError."""
         newest_ns = bench.time.now_ns()
 
         def failed() -> bool:

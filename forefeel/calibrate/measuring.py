@@ -84,7 +84,7 @@ def require_steady(level: Level, newton_per_native: float, range_n: float, what:
 
 
 def forces_of(text: str, newton_per_unit: float, where: str) -> list[float]:
-    """The forces in N of a list such as `0,0.05,0.1`, zero left out: the cell is tared without a load.
+    """Parses a list such as `0,0.05,0.1` to forces in N, zero left out: the cell is tared without a load.
 
     Raises:
         ConfigurationError: not a list of numbers, one twice, fewer than two loads with that of the tare, or
@@ -122,8 +122,8 @@ def range_of(forces: Sequence[float]) -> tuple[float, float]:
 
 
 def fit(steps: Sequence[Step]) -> CalibrationFit:
-    """The line of least squares through the steps: native = zero + F / gain_n, for the weights are exact and
-    the readings are not.
+    """Fits the line of least squares through the steps: native = zero + F / gain_n, for the weights are exact
+    and the readings are not.
 
     Raises:
         RunError: fewer than two different loads, or every load reads the same.
@@ -173,9 +173,7 @@ def travel_of(
 
 
 def require_travel(measured_m: tuple[float, float], expected_m: tuple[float, float]) -> None:
-    """Refuses a stage that does not reach what its settings say. RunError: with what was found and what was
-    expected.
-    """
+    """Refuses a stage that does not reach what its settings say. RunError: with both travels."""
     if measured_m[0] > expected_m[0] or measured_m[1] < expected_m[1]:
         low, high = (1e3 * end_m for end_m in measured_m)
         raise RunError(

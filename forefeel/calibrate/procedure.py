@@ -254,9 +254,7 @@ def ask_person(text: str, request: str, yes: bool) -> str:
 
 
 def _identify(device: ConfiguredDevice, link: DeviceLink) -> str:
-    """Prints the identity; returns the serial number that the calibration is bound to. DeviceSetupError: the
-    device has none.
-    """
+    """Prints the identity; returns the serial number for the calibration. DeviceSetupError: it has none."""
     if not link.serial:
         raise DeviceSetupError(
             f"{device.name} on {device.where}: no serial number; expected one to bind the calibration to; "

@@ -28,9 +28,7 @@ class Authority:
 
     @classmethod
     def new(cls, now: datetime) -> "Authority":
-        """Makes a key and its self-signed certificate, which may sign those of ends, but no further
-        authority.
-        """
+        """Makes a key and its self-signed certificate; it signs certificates of ends, of no authority."""
         key = new_key()
         name, identifier = _name(AUTHORITY_NAME), x509.SubjectKeyIdentifier.from_public_key(key.public_key())
         builder = (

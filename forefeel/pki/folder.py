@@ -116,9 +116,7 @@ def _issue(
 
 
 def read_authority(folder: Path) -> Authority:
-    """The authority with the key that signs. ConfigurationError: one of the two is missing or does not belong
-    to the other.
-    """
+    """Reads the authority. ConfigurationError: key or certificate is missing, or they do not match."""
     path = folder / AUTHORITY_KEY
     try:
         key = load_pem_private_key(path.read_bytes(), None)
@@ -147,9 +145,7 @@ class CertificateRow:
 
 
 def certificate_rows(folder: Path, now: datetime) -> list[CertificateRow]:
-    """Rows of the certificates in the folder of an authority, or of one host. ConfigurationError: no folder
-    of certificates.
-    """
+    """Rows of the certificates in a folder of an authority, or of one host. ConfigurationError: none."""
     paths = sorted(path for depth in ("", "*/", "*/*/") for path in folder.glob(f"{depth}*.crt"))
     named = [(path, _party(read_certificate(path))) for path in paths if path.name != AUTHORITY]
     ends = [(path, party) for path, party in named if party is not None]

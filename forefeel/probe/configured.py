@@ -50,7 +50,7 @@ def import_drivers(settings: DaemonSettings) -> None:
 
 
 def device_of(config: Path, axis: str, slot: Slot) -> ConfiguredDevice:
-    """The device in that slot of an axis of a slave's YAML file.
+    """Finds the device in that slot of an axis of a slave's YAML file.
 
     Raises:
         ConfigurationError: no such axis, or no hardware in that slot.

@@ -111,7 +111,7 @@ def _in_words(serial: list[SerialPort], can: list[CanInterface]) -> Iterator[Ren
 
 
 def _document(serial: list[SerialPort], can: list[CanInterface]) -> dict[str, object]:
-    """The same for `--json`."""
+    """The document for `--json`: drivers, serial ports, CAN interfaces."""
     drivers = [
         {
             "slot": driver.slot,

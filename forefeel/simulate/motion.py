@@ -42,6 +42,7 @@ class Sines:
         self._sines = list(zip(frequencies_hz, phases, strict=True))
 
     def at(self, t: Array) -> Course:
+        """Position m, velocity m/s and acceleration m/s^2 at the times t in s."""
         x, v, a = np.full_like(t, self._centre_m), np.zeros_like(t), np.zeros_like(t)
         for frequency_hz, phase in self._sines:
             w = 2.0 * pi * frequency_hz
@@ -91,6 +92,7 @@ class Hand:
         ]
 
     def at(self, t: Array) -> Course:
+        """Position m, velocity m/s and acceleration m/s^2 at the times t in s."""
         stroke = np.searchsorted(self._begins, t, side="right") - 1
         length, duration = self._tos[stroke] - self._froms[stroke], self._moves[stroke]
         s = np.clip((t - self._begins[stroke]) / duration, 0.0, 1.0)

@@ -79,7 +79,7 @@ class AsciiCell(Cell):
     # --- asking ---
 
     def due(self, now_ns: int) -> bytes:
-        """A carriage return first, then the request once a period; after two when no answer came."""
+        """Returns a carriage return first, then the request once a period, after two without an answer."""
         if not self._request:
             return b""
         if self._quiet_ns is None:

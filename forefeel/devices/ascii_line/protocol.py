@@ -67,7 +67,7 @@ class LineParser:
         return readings
 
     def _number(self, line: bytes) -> float | None:
-        """The number in a line, counted; None for one that is cut, too long, or no number."""
+        """Parses a line and counts it; None for one that is cut, too long, or no number."""
         skipping, self._skipping = self._skipping, False
         if not line and not skipping:
             return None

@@ -95,7 +95,7 @@ class Pdo(NamedTuple):
         return b"".join(entry.pack(value) for entry, value in zip(self.entries, values, strict=True))
 
     def unpack(self, data: bytes | bytearray) -> tuple[float, ...] | None:
-        """Its values; None for another length than that of the mapping."""
+        """Decodes the values of a frame; None for another length than that of the mapping."""
         if len(data) != self.size:
             return None
         values, start = [], 0

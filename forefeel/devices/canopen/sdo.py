@@ -99,8 +99,8 @@ class RemoteDevice:
             return otherwise
 
     def write(self, entry: ObjectEntry, value: float) -> None:
-        """Writes, and reads it back. DeviceError: no answer, or refused. DeviceSetupError: the device took
-        another value.
+        """Writes an entry, and reads it back. DeviceError: no answer, or refused. DeviceSetupError: the
+        device took another value.
         """
         try:
             self._try("writing", entry, entry.pack(value))
@@ -123,9 +123,7 @@ class RemoteDevice:
         return True
 
     def _try(self, what: str, entry: ObjectEntry, data: bytes | None) -> bytes:
-        """Uploads an entry, or downloads `data` to it; `_SilentError` after three tries, else
-        `_RefusedError`.
-        """
+        """Uploads an entry, or downloads `data`. `_SilentError`: no answer thrice; `_RefusedError`: abort."""
         for left in reversed(range(_TRIES)):
             self._shared.check()
             self._shared.update_counters(self._link)  # a handshake over a bad wire takes its time, too

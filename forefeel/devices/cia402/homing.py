@@ -59,8 +59,8 @@ class HomingCycle:
         self._started = 0
 
     def step(self, readback: Readback | None, beat: bool, emergency: int | None) -> int:
-        """Returns the controlword, given what came since the last cycle; sets `done` at the end. DeviceError:
-        a fault of the drive or of the way to it, of homing, or no end in time.
+        """Enables the drive, then homes it, and sets `done` at the end; returns the controlword of this
+        cycle. DeviceError: a fault of the drive or of the way to it, of homing, or no end in time.
         """
         machine = self._cycle.machine
         word = self._cycle.supervise(readback, beat, emergency)

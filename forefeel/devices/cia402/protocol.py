@@ -148,7 +148,7 @@ class DriveMachine:
             self.phase, self._left = phase, self._patience
 
     def _word(self, state: DriveState | None, statusword: int) -> int:
-        """Controlword of the phase, which it moves on; DeviceError: the drive is in no state of the way."""
+        """Returns the controlword, moves the phase on; DeviceError: the drive is in no expected state."""
         if self.phase is Phase.PASSIVE:
             return QUICK_STOP
         if self.phase is Phase.RESETTING:

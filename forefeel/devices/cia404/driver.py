@@ -60,7 +60,7 @@ class Cia404LoadCell(QueuedLoadCell):
                 shared.leave_sync(self)
 
     def _set_up(self, device: RemoteDevice) -> None:
-        """Identifies the transducer, leaves its first TPDO alone on, and starts it; CONFIGURED."""
+        """Identifies the transducer, switches other TPDOs off, maps the first, and starts it; CONFIGURED."""
         device.identify(cia404.PROFILE)
         self._load_scale(device)
         for number in (2, 3, 4):

@@ -150,7 +150,7 @@ class CoilTalk:
         self._link.advance(LinkState.IDENTIFIED)
 
     def _shake(self, now_ns: int, fresh: bool) -> bytes:
-        """Repeats the request, or ends the handshake with the first state without fault; bytes to send."""
+        """Asks again, or ends the handshake at the first state without fault; returns bytes to send."""
         if now_ns - self._begun_ns > _PATIENCE_NS:
             raise DeviceSetupError(self._refusal())
         if self._link.state is LinkState.OPEN:

@@ -117,7 +117,7 @@ class CoilDevice:
                 self._passing, self._passes_s = _PASSING[fault], self._next * _PERIOD_S + _PASSES_S
 
     def _identify(self, request: Identify, t_s: float) -> None:
-        """Sets watchdog and current limit, within its own; clears the flags and answers."""
+        """Answers a request: sets watchdog and current limit, at most its own, and clears latched flags."""
         hardware = self.hardware
         watchdog_ms = min(request.watchdog_ms, hardware.longest_watchdog_ms)
         limit_ma = min(request.limit_ma, round(hardware.peak_a * 1e3))
@@ -129,7 +129,7 @@ class CoilDevice:
         self._answer += encode(CoilIdentity(hardware.protocol, watchdog_ms, limit_ma, *identity))
 
     def _step(self, t_s: float) -> bytes:
-        """A state as bytes: none before it is identified, the last one while the firmware hangs."""
+        """Lives for a period; the state as bytes, none before it is identified, the last while it hangs."""
         reading = self._live(t_s)
         if self._hangs_until_s > -inf:
             if t_s < self._hangs_until_s:
@@ -156,7 +156,7 @@ class CoilDevice:
         return self._sent
 
     def _live(self, t_s: float) -> HandleReading:
-        """Shows and renders to the person what the host commands, and reads the handle."""
+        """Sets the current, lets the person feel it and see the lamp, and reads the handle."""
         in_time = self._identified and t_s - self._command_s <= self._watchdog_s
         command = self._command
         now_ns = round(t_s * 1e9)

@@ -61,8 +61,8 @@ class Conversation:
         self.link.close()
 
     def step(self) -> float | None:
-        """Makes a step; s until the next, None at the end. An error faults the link, or ends a first
-        handshake.
+        """Makes one step; returns s until the next, None at the end. An error is a fault of the link, after
+        which it begins anew; before the first READY it is the end.
         """
         if self._steps is None and self.stopping:
             return None
@@ -123,7 +123,7 @@ class Pacer:
         self.missed = 0
 
     def wait_s(self) -> float:
-        """Time until the next deadline, which it moves on by a period; counts those that have passed."""
+        """Moves the deadline on by a period, skipping and counting missed ones; returns s until then."""
         now_ns = self._clock.now_ns()
         self._deadline_ns += self._period_ns
         late_ns = now_ns - self._deadline_ns

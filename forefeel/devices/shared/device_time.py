@@ -69,7 +69,7 @@ class DeviceTime:
         return (made_ns - now_ns) // 1000
 
     def _learn(self, difference_ns: int, now_ns: int) -> None:
-        """Takes over a difference of arrival and device time, for the least of this and the last window."""
+        """Updates the least difference of arrival and device time, in this window and the last."""
         if not self._least:
             self._least = [difference_ns, difference_ns]
         elif now_ns - self._window_ns >= _WINDOW_NS:

@@ -97,7 +97,7 @@ class ForceScale:
         return native if flaws is native.flaws else native._replace(flaws=flaws)
 
     def reading(self, checked: Native) -> LoadCellReading:
-        """Reading for the control loop: finite, never more than the full scale."""
+        """Converts a measurement to a reading: finite, never more than the full scale."""
         force_n, raw_n = self._forces(checked.value)
         counts = checked.value if self._newton_per_native is None else raw_n * _MICRONEWTON_PER_N
         return LoadCellReading(

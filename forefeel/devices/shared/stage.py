@@ -86,7 +86,7 @@ class Setpoint:
         self.velocity_m_s = step_m / self._period_s
 
     def hold(self) -> None:
-        """Makes one cycle of coming to rest, and staying."""
+        """Slows down for one cycle, or stays at rest; within the travel."""
         v = self.velocity_m_s
         v = max(0.0, v - self._brake_m_s) if v > 0.0 else min(0.0, v + self._brake_m_s)
         free_m = self.position_m + v * self._period_s

@@ -137,7 +137,7 @@ class ZaberTalk:
         return [message_id for message_id, _ in lines]
 
     def _collect(self, ids: Sequence[int], sent_ns: int) -> dict[int, Timed[Reply]]:
-        """Reads until every reply has come, or time is up; by message id, stamped half way from `sent_ns`."""
+        """Reads until all replies have come or time is up; by message id, stamped half way from `sent_ns`."""
         wire_s = (self._sent + _USUAL_REPLY_BYTES * len(ids)) * self._byte_s
         deadline_ns = sent_ns + int((wire_s + _SLACK_S) * 1e9)
         received: dict[int, Timed[Reply]] = {}
@@ -398,9 +398,7 @@ class ZaberExchange:
             self._link.counters["stops_not_sent"] += 1  # the bounded target stops it
 
     def rest(self) -> None:
-        """Stops, and waits until the stage is at rest. DeviceError: it does not answer, or does not come to
-        rest.
-        """
+        """Stops, and waits until the stage is at rest. DeviceError: it does not answer or come to rest."""
         self._talk.ask("stop", tries=_MOST_SILENT)
         until_ns = self._clock.now_ns() + _REST_NS
         while self._clock.now_ns() < until_ns:

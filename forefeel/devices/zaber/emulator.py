@@ -75,7 +75,7 @@ class ZaberAxis:
         self.change = (self.velocity - before) / STEP_S
 
     def _move(self) -> None:
-        """Moves on by one step; a motor that is stuck stalls, a motion at rest at its goal ends."""
+        """Moves on by one step; stalls where it is stuck, ends a motion that rests at its goal."""
         wanted, most = self._wanted(), self.acceleration * STEP_S
         self.velocity = max(self.velocity - most, min(self.velocity + most, wanted))
         if self.velocity and self.stuck:
@@ -105,7 +105,7 @@ class ZaberAxis:
         return copysign(min(self.homing_speed if homing else self.maximum_speed, largest), distance)
 
     def _stall(self) -> None:
-        """Stands; after 50 ms, or at once when it is to stop, ends the motion, with FS in the first case."""
+        """Stands where it is; after 50 ms ends the motion with FS, at once one that is to stop."""
         self.velocity = 0.0
         self._stalled_s += STEP_S
         if self._stalled_s >= _STALL_S and self.motion is not AxisMode.STOP:

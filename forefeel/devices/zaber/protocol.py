@@ -128,7 +128,7 @@ class Parser:
         return [reply for line in lines if line and (reply := self._reply(line)) is not None]
 
     def _reply(self, line: bytes) -> Reply | None:
-        """The reply in a line, or that within it where its beginning is damaged; None, counted: none."""
+        """Parses a line, or what begins within it where its beginning is damaged; None, counted: no reply."""
         if len(line) > _MAX_LINE_BYTES:
             self.dropped["overlong"] += 1
             return None
@@ -154,7 +154,7 @@ class Parser:
 
 
 def parse(line: bytes, checksums: bool) -> Reply | str:
-    """The reply in a line without its end; `bad_checksum` or `malformed` where it is none."""
+    """Parses a line without its end; `bad_checksum` or `malformed` where it is no reply."""
     match = _CHECKSUM.search(line)
     if match is not None:
         body = line[: match.start()]
