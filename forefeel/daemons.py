@@ -31,7 +31,7 @@ from forefeel.control_socket import ControlSocket, MasterRequests, SlaveRequests
 from forefeel.interrupt import heeded
 from forefeel.master.session import SessionState
 from forefeel.probe.configured import configured, import_drivers
-from forefeel.reachability import AnswerWatch, Probe, probe_of, unheard
+from forefeel.reachability import AnswerWatch, Probe, probe_of, silence_cause
 from forefeel.terminal import say
 
 if TYPE_CHECKING:
@@ -43,8 +43,7 @@ if TYPE_CHECKING:
     from forefeel.slave.settings import SlaveSettings
 
 D = TypeVar("D", "SlaveDaemon", "MasterDaemon")
-Connect = Callable[..., ParallelTransport]
-"""Opens the transport, as `ParallelTransport.open`."""
+Connect = Callable[..., ParallelTransport]  # opens the transport, as `ParallelTransport.open`
 _POLL_S = 0.05
 _OPENING_S = 0.01  # between two looks at a transport or a session that is about to open
 _ROUTER_S = 0.5  # between two attempts to reach the router
@@ -78,8 +77,8 @@ def run_daemon(
 
 
 def _load(settings: "SlaveSettings | MasterSettings") -> None:
-    """All that the daemon needs, before real-time priority: to compile for a second at it would stop every
-    other process for 50 ms.
+    """Imports and compiles all that the daemon needs, before real-time priority: to compile for a second at
+    it would stop every other process for 50 ms.
     """
     import_module(f"forefeel.{settings.role}.daemon")  # each daemon loads only its own side
     import_drivers(settings)
@@ -96,6 +95,7 @@ async def slave(
     host: Host | None = None,
     connect: Connect = ParallelTransport.open,
 ) -> None:
+    """Runs a slave until it is told to end, then brings the stage to rest and closes devices and files."""
     from forefeel.slave.daemon import SlaveDaemon  # noqa: PLC0415 - each daemon loads only its own side
 
     with _process(settings, host, connect) as process:
@@ -105,7 +105,8 @@ async def slave(
             return
         with process.closing(transport, SlaveDaemon) as daemon:
             watchdog = process.watch(daemon.axes)
-            connection = process.answer_watch("a connection", lambda: unheard(settings.transport, False, ""))
+            silence = partial(silence_cause, settings.transport, False, "")
+            connection = process.answer_watch("a connection", silence)
 
             def look(now_ns: int) -> None:
                 if not settings.transport.connect or (transport.peers() and not transport.hint):
@@ -131,6 +132,7 @@ async def master(
     host: Host | None = None,
     connect: Connect = ParallelTransport.open,
 ) -> None:
+    """Runs a master until it is told to end, then releases the handle and closes it."""
     from forefeel.master.daemon import MasterDaemon  # noqa: PLC0415 - as above
 
     with _process(settings, host, connect) as process:
@@ -156,7 +158,7 @@ async def master(
 
 @dataclass
 class Process:
-    """What a daemon holds from its start to its end; `end`: how it ended, for its event log."""
+    """Resources of a daemon from its start to its end; `end`: text for its event log."""
 
     settings: DaemonSettings
     runtime: RealRuntime
@@ -170,21 +172,22 @@ class Process:
     def say(self, text: str) -> None:
         say(f"{self.settings.role}: {text}")
 
-    def answer_watch(self, whom: str, unheard: Callable[[], str]) -> AnswerWatch:
+    def answer_watch(self, whom: str, silence: Callable[[], str]) -> AnswerWatch:
+        """Makes a watch that says on the console why `whom` does not answer."""
         return AnswerWatch(
             self.find_obstacles,
-            unheard,
+            silence,
             lambda cause: self.say(f"waiting for {whom}: {cause}"),
             self.runtime.host,
         )
 
     async def open_transport(self, insecure: bool, timeout_s: float | None) -> ParallelTransport | None:
-        """The daemon's transport, once its router answers where it has one; None when told to end meanwhile.
+        """Opens the transport, again until its router answers if it has one; None when told to end.
 
-        It is opened in a thread. That may take ten seconds, and a signal is heeded at once.
+        It is opened in a thread, for that may take ten seconds. NoRouterError: none within `timeout_s`.
         """
         settings, runtime = self.settings, self.runtime
-        watch = self.answer_watch("the router", lambda: unheard(settings.transport, False, ""))
+        watch = self.answer_watch("the router", lambda: silence_cause(settings.transport, False, ""))
         open_it = partial(
             self.connect,
             settings.transport,
@@ -216,8 +219,8 @@ class Process:
         return None
 
     def _take_priority(self) -> None:
-        """Not before the transport is open, which takes a tenth of a second of computing: the threads of a
-        cell that runs on this host would wait.
+        """Raises the threads' priority. Not before the transport is open, which takes a tenth of a second of
+        computing: the threads of a cell that runs on this host would wait.
         """
         if priority := self.settings.realtime.priority:
             self.runtime.host.raise_threads(priority - _BELOW_THE_LOOP)
@@ -236,7 +239,7 @@ class Process:
             daemon.close(self.runtime.clock.now_ns())
 
     def watch(self, axes: "Sequence[SlaveAxis | MasterAxis]") -> ServiceWatchdog:
-        """Shows notices on the console; tells systemd how the daemon does."""
+        """Starts the tasks that print notices and tell systemd the status."""
         self.notices = {axis.name: axis.events.notices for axis in axes}
         self.runtime.task("notices", _NOTICES_NS, self._tell_notices)
 
@@ -252,11 +255,7 @@ class Process:
         tell_notices(self.settings.role, self.notices, say)
 
     def finish(self) -> None:
-        """Says how the daemon ended.
-
-        Raises:
-            RunError: a fault ended it.
-        """
+        """Says how the daemon ended. RunError: a fault ended it."""
         self._tell_notices()
         self.say(f"{self.end}, closed")
         self.runtime.raise_fault()
@@ -264,8 +263,9 @@ class Process:
 
 @contextmanager
 def _process(settings: DaemonSettings, host: Host | None, connect: Connect) -> Iterator[Process]:
-    """Runtime, state folder and control socket of a daemon, in a process whose every thread is ahead of the
-    machine's other work, below the loop, once its transport is open (docs/decisions/0008).
+    """Opens runtime, state folder and control socket of a daemon for the length of a block. Once the
+    transport is open, every thread of the process is ahead of the machine's other work, below the loop
+    (docs/decisions/0008).
 
     The process is settled before a device is opened: it would hear nothing of us meanwhile. The control
     socket is open before the network: a stop needs no connection.
@@ -301,7 +301,7 @@ def _process(settings: DaemonSettings, host: Host | None, connect: Connect) -> I
 
 
 class SessionWatch:
-    """Whether every axis of a master has its session; says when one is lost, and what is in the way."""
+    """Watch over the sessions of a master's axes; says when one is lost, and what is in the way."""
 
     def __init__(
         self,
@@ -312,14 +312,12 @@ class SessionWatch:
     ) -> None:
         self._axes, self._settings, self._transport = axes, settings, transport
         self._process, self._runtime = process, process.runtime
-        self._watch = process.answer_watch("the slave", self._unheard)
+        self._watch = process.answer_watch("the slave", self._silence_cause)
         self._open = self._lost = False
 
     def look(self, now_ns: int) -> bool:
-        """Whether every axis has its session; many times a second.
-
-        Raises:
-            ConfigurationError: the settings of both ends differ, which does not come right by waiting.
+        """Prints changes of the sessions; true when every axis has one. To be called many times a second.
+        ConfigurationError: the settings of both ends differ, which does not come right by waiting.
         """
         missing = self._missing()
         if not missing:
@@ -336,14 +334,12 @@ class SessionWatch:
             self._open, self._lost = False, True
         self._watch.look(now_ns, self._known(first, now_ns))
         for axis in missing:
-            axis.session.obstacle = self._watch.found
+            axis.session.obstacle = self._watch.last_cause
         return False
 
     async def opened(self, timeout_s: float | None) -> None:
-        """Waits visibly until every axis has its session, or the daemon is told to end.
-
-        Raises:
-            EndpointError: not within `timeout_s`. ConfigurationError: the slave's settings differ.
+        """Waits visibly until every axis has its session, or the daemon is told to end. EndpointError: not
+        within `timeout_s`. ConfigurationError: the slave's settings differ.
         """
         start_ns = self._runtime.clock.now_ns()
         while not self._runtime.stopping.is_set():
@@ -365,18 +361,18 @@ class SessionWatch:
         return sorted(missing, key=lambda axis: axis.session.state is not SessionState.MISMATCH)
 
     def _known(self, axis: "MasterAxis", now_ns: int) -> str:
-        """The cause where it is known without a probe. Whom a master that listens is connected to is not."""
+        """Cause that is known without a probe, else empty. A master that listens can not tell its peers."""
         if self._transport.hint:
             return self._transport.hint
         if axis.session.heard(now_ns):
             return f"axis {axis.name}: {axis.session.cause(now_ns)}"
         connected = self._transport.peers() and not self._settings.transport.listen
-        return self._unheard() if connected else ""
+        return self._silence_cause() if connected else ""
 
-    def _unheard(self) -> str:
+    def _silence_cause(self) -> str:
         axes = ", ".join(axis.name for axis in self._missing())
         missing = f"no slave of cell {self._settings.cell}, axis {axes} answers there"
-        return unheard(self._settings.transport, self._transport.peers() > 0, missing)
+        return silence_cause(self._settings.transport, self._transport.peers() > 0, missing)
 
 
 async def _until_end(
@@ -411,16 +407,17 @@ def _close_unused(opening: "Future[ParallelTransport]") -> None:
 
 
 def _described(settings: "SlaveSettings | MasterSettings") -> str:
+    """One line with axes, caveats, endpoints and certificates."""
     transport = settings.transport
     ways = {
         "axes": [axis.name + axis.limits.meaning for axis in settings.axes],
-        "with": [f"{axis.name} {each}" for axis in settings.axes for each in axis.caveats],
+        "with": [f"{axis.name} {caveat}" for axis in settings.axes for caveat in axis.caveats],
         "impairment injected": ["into this end's messages"] * (settings.impairment != LinkImpairment()),
         "listening on": transport.listen,
         "connecting to": transport.connect,
         "certificates in": [str(transport.pki)] if transport.pki else [],
     }
-    return "; ".join(f"{what} {', '.join(each)}" for what, each in ways.items() if each)
+    return "; ".join(f"{what} {', '.join(items)}" for what, items in ways.items() if items)
 
 
 def _why(runtime: RealRuntime) -> str:
@@ -428,7 +425,7 @@ def _why(runtime: RealRuntime) -> str:
 
 
 def _facts(settings: DaemonSettings) -> dict[str, str]:
-    """What stands in the first line of the event log."""
+    """Facts for the first line of the event log."""
     try:
         software = version("forefeel")
     except PackageNotFoundError:  # run from a source tree
@@ -437,7 +434,7 @@ def _facts(settings: DaemonSettings) -> dict[str, str]:
         "role": settings.role,
         "cell": settings.cell,
         "software": software,
-        "drivers": "; ".join(f"{each.name} {each.driver.origin}" for each in configured(settings)),
+        "drivers": "; ".join(f"{device.name} {device.driver.origin}" for device in configured(settings)),
         "settings": hashlib.sha256(dump_yaml(settings).encode()).hexdigest()[:16],
         "listen": " ".join(settings.transport.listen),
         "connect": " ".join(settings.transport.connect),

@@ -1,4 +1,4 @@
-"""The YAML files of those who move nothing: recorder, viewer and router."""
+"""YAML settings of those who move nothing: recorder, viewer and router."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,7 @@ from forefeel.common.transport.settings import TransportSettings
 
 
 class ObserverSettings(Settings):
-    """Who only hears a cell: a recorder, or a viewer, which may stop it, too."""
+    """A program that only receives from a cell: a recorder, or a viewer, which may stop it, too."""
 
     role: Literal["recorder", "viewer"] = "recorder"
     cell: Segment = "cell"
@@ -30,7 +30,7 @@ class ObserverSettings(Settings):
 
 
 class RouterSettings(Settings):
-    """Which cells a router serves, where it listens, with which certificates."""
+    """The cells that a router serves, its endpoints, and its certificates."""
 
     role: Literal["router"] = "router"
     cells: Annotated[tuple[Segment, ...], Field(min_length=1)]
@@ -38,6 +38,7 @@ class RouterSettings(Settings):
 
     @model_validator(mode="after")
     def _listens(self) -> Self:
+        """Raises ValueError without `listen`, with `connect` or a mode, or for a cell twice."""
         if not self.transport.listen:
             raise ValueError("transport.listen: expected at least one endpoint as in tls/0.0.0.0:7447")
         if self.transport.connect or self.transport.mode != "peer":
@@ -54,7 +55,7 @@ def observer(
     pki: Path | None,
     through_router: bool,
 ) -> ObserverSettings:
-    """The settings of a file, or of the options in its place.
+    """Loads the settings from a file, or takes the options in its place.
 
     Raises:
         ConfigurationError: both, neither, or a value that can not be used.

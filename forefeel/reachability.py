@@ -1,4 +1,4 @@
-"""Why there is no answer: probes endpoints with TCP and TLS, and names what is in the way and what to do."""
+"""Probes of endpoints with TCP and TLS: why there is no answer, and what to do."""
 
 import socket
 import ssl
@@ -20,8 +20,7 @@ from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.terminal import say
 
-TIMEOUT_S = 2.0
-"""Each step of a probe takes at most as long: an end that needs more counts as silent."""
+TIMEOUT_S = 2.0  # each step of a probe takes at most as long: an end that needs more counts as silent
 _REFUSAL_S = 0.2
 """With TLS 1.3 our handshake is done before the other end has seen our certificate. It refuses it within a
 round trip, and what it takes to check it."""
@@ -37,14 +36,14 @@ _REMEDIES = {
 
 
 class Obstacle(NamedTuple):
-    """What is in the way, and what to do."""
+    """An obstacle to a connection, and what to do."""
 
     what: str
     advice: str
 
 
 Probe = Callable[[], Sequence[Obstacle]]
-"""Finds one for each endpoint that can not be reached. Blocks for some seconds."""
+"""Finds the obstacle to each endpoint that can not be reached. Blocks for some seconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,11 +87,8 @@ def reach(endpoint: str, identity: PartyFiles | None, other: str, timeout_s: flo
 
 
 def _shake_hands(plain: socket.socket, host: str, identity: PartyFiles, round_trip_s: float) -> float:
-    """Duration of the handshake in s, with what Zenoh asks for: our authority, the name of the host, and our
-    certificate to show.
-
-    Raises:
-        OSError: it failed.
+    """Does the TLS handshake as Zenoh does, with our authority, the host's name and our certificate; returns
+    its duration in s. OSError: it failed.
     """
     context = ssl.create_default_context(cafile=str(identity.authority))
     context.load_cert_chain(str(identity.certificate), str(identity.key))
@@ -108,6 +104,7 @@ def _shake_hands(plain: socket.socket, host: str, identity: PartyFiles, round_tr
 
 
 def _obstacle(error: Exception, where: str, other: str, connected: bool) -> Obstacle:
+    """Names the obstacle behind an error of connecting, and the remedy."""
     why = getattr(error, "reason", None) or getattr(error, "strerror", None) or error
     match error:
         case ssl.SSLCertVerificationError():
@@ -128,7 +125,7 @@ def _obstacle(error: Exception, where: str, other: str, connected: bool) -> Obst
 
 
 def probe_of(transport: TransportSettings, party: Party, other: str) -> Probe:
-    """What is in the way of connections to `transport.connect`; who is expected there is `other`, in a word.
+    """Makes the probe of connections to `transport.connect`; `other`: who is expected there, in a word.
 
     `party`: whose certificates ours are, which a session reads once, when it opens.
 
@@ -140,14 +137,14 @@ def probe_of(transport: TransportSettings, party: Party, other: str) -> Probe:
         identity = read_identity(transport.pki, party, now_utc()).identity
 
     def probe() -> Sequence[Obstacle]:
-        reached = [reach(each, identity, other) for each in transport.connect]
-        return [each.obstacle for each in reached if each.obstacle is not None]
+        reached = [reach(endpoint, identity, other) for endpoint in transport.connect]
+        return [end.obstacle for end in reached if end.obstacle is not None]
 
     return probe
 
 
-def unheard(transport: TransportSettings, connected: bool, missing: str) -> str:
-    """Why nobody is heard although nothing is in the way: no Zenoh there, or not who is missing."""
+def silence_cause(transport: TransportSettings, connected: bool, missing: str) -> str:
+    """Text for silence without an obstacle: `missing` where connected, else no session, or nobody."""
     where = ", ".join(map(address, transport.connect or transport.listen))
     if connected:
         return f"{where} is connected, but {missing}"
@@ -163,36 +160,38 @@ class AnswerWatch:
     The endpoints are probed in a thread, so that `look` never blocks.
 
     Args:
-        unheard: text where nothing is in the way.
+        silence: text where nothing is in the way.
         report: takes the cause.
 
     Attributes:
-        found: the cause that the last probe found; empty before, and when the cause is known without one.
+        last_cause: result of the last probe; empty before, and when the cause is known without one.
     """
 
     def __init__(
         self,
         find: Probe,
-        unheard: Callable[[], str],
+        silence: Callable[[], str],
         report: Callable[[str], None],
         host: Host = HOST,
     ) -> None:
-        self._find, self._unheard, self._report, self._host = find, unheard, report, host
+        self._find, self._silence, self._report, self._host = find, silence, report, host
         self._since_ns: int | None = None
         self._due_ns = 0
         self._probe: Future[Sequence[Obstacle]] | None = None
-        self.found = ""
+        self.last_cause = ""
 
     def look(self, now_ns: int, known: str = "") -> None:
-        """Goes on waiting; many times a second. `known`: the cause, where no probe is needed to know it."""
+        """Every 5 s reports `known`, the cause where no probe is needed, or else starts a probe, whose result
+        is reported when it is done. To be called many times a second.
+        """
         if self._since_ns is None:
             self._since_ns, self._due_ns = now_ns, now_ns + _EVERY_NS
         if known:
-            self.found, self._probe = "", None
+            self.last_cause, self._probe = "", None
         if self._probe is not None and self._probe.done():
-            self.found = self.cause(self._probe.result(), now_ns)
+            self.last_cause = self.cause(self._probe.result(), now_ns)
             self._probe = None
-            self._report(self.found)
+            self._report(self.last_cause)
         if now_ns < self._due_ns:
             return
         self._due_ns = now_ns + _EVERY_NS
@@ -202,14 +201,14 @@ class AnswerWatch:
             self._probe = self.probe()
 
     def over(self) -> None:
-        """Somebody answers; a probe under way is not reported any more."""
-        self._since_ns, self._probe, self.found = None, None, ""
+        """Ends the waiting, for somebody answers; a probe under way is not reported any more."""
+        self._since_ns, self._probe, self.last_cause = None, None, ""
 
     def probe(self) -> "Future[Sequence[Obstacle]]":
         return self._host.in_thread(self._find, "probe of endpoints")
 
-    def cause(self, found: Sequence[Obstacle], now_ns: int) -> str:
-        texts = [f"{each.what}: {each.advice}" for each in found] or [self._unheard()]
+    def cause(self, obstacles: Sequence[Obstacle], now_ns: int) -> str:
+        texts = [f"{obstacle.what}: {obstacle.advice}" for obstacle in obstacles] or [self._silence()]
         return f"{'; '.join(texts)} ({self._waited(now_ns)})"
 
     def _waited(self, now_ns: int) -> str:
@@ -217,22 +216,25 @@ class AnswerWatch:
 
 
 def cell_watch(
-    own: TransportSettings, party: Party, transport: ZenohTransport, clock: Clock
+    settings: TransportSettings, party: Party, transport: ZenohTransport, clock: Clock
 ) -> Callable[[bool], str]:
-    """Prints every 5 s why nobody of a cell is heard; call the result often, with whether somebody is."""
+    """Makes a function to be called often with whether anybody of the cell is heard: while nobody is, it
+    prints the cause every 5 s, and returns it.
+    """
 
     def nobody() -> str:
-        return unheard(own, transport.peers() > 0, f"nobody of cell {party.cells[0]} is heard there")
+        missing = f"nobody of cell {party.cells[0]} is heard there"
+        return silence_cause(settings, transport.peers() > 0, missing)
 
-    other = "router" if own.mode == "client" else "daemon"
-    watch = AnswerWatch(probe_of(own, party, other), nobody, lambda why: say(f"nobody heard yet: {why}"))
+    other = "router" if settings.mode == "client" else "daemon"
+    watch = AnswerWatch(probe_of(settings, party, other), nobody, lambda why: say(f"nobody heard yet: {why}"))
 
-    def look(heard: bool) -> str:
-        if heard:
+    def look(answering: bool) -> str:
+        if answering:
             watch.over()
             return ""
-        known = transport.hint or (nobody() if transport.peers() and not own.listen else "")
+        known = transport.hint or (nobody() if transport.peers() and not settings.listen else "")
         watch.look(clock.now_ns(), known)
-        return known or watch.found
+        return known or watch.last_cause
 
     return look

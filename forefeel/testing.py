@@ -1,4 +1,4 @@
-"""Whether a driver keeps its port: pytest classes to subclass, and the stepped time that they run in.
+"""Contracts of drivers: pytest classes to subclass, and the stepped time that they run in.
 
     class TestIioLoadCell(LoadCellContract):
         driver = "iio"
@@ -68,18 +68,19 @@ class SteppedTime(VirtualClock):
     def run(self, seconds: float) -> None:
         self.sleep_until_ns(self.now_ns() + round(seconds * 1e9))
 
-    def run_until(self, true: Callable[[], object], within_s: float = 20.0) -> None:
-        """Lets everything live until something is true; AssertionError when it never is."""
+    def run_until(self, condition: Callable[[], object], within_s: float = 20.0) -> None:
+        """Lets everything live until the condition is true; AssertionError when it never is."""
         end_ns = self.now_ns() + round(within_s * 1e9)
-        while not true():
+        while not condition():
             assert self.now_ns() < end_ns, f"not within {within_s:g} s"
             self._advance(self.now_ns() + self._step_ns)
 
     def host_hangs(self, seconds: float) -> None:
-        """Lets only the devices live, and the control loop."""
+        """Lets only the devices and the control loop live."""
         self._live_until(self.now_ns() + round(seconds * 1e9))
 
     def _live_until(self, deadline_ns: int) -> None:
+        """Steps clock, devices, frames and control loop until then, and no conversation."""
         while (now_ns := self.now_ns()) < deadline_ns:
             self.set_ns(min(now_ns + self._step_ns, deadline_ns))
             for live in self.devices:
@@ -88,8 +89,8 @@ class SteppedTime(VirtualClock):
             self.tick(self.now_ns())
 
     def _advance(self, until_ns: int) -> None:
-        """The next step of a conversation, if it is due by then."""
-        due_ns, talks = min(((due, talks) for talks, due in self._due_ns.items()), key=lambda each: each[0],
+        """Lives until the next step of a conversation and makes it, or until then if none is due."""
+        due_ns, talks = min(((due, talks) for talks, due in self._due_ns.items()), key=lambda pair: pair[0],
                             default=(until_ns + 1, None))  # fmt: skip
         self._live_until(min(due_ns, until_ns))
         if talks is None or due_ns > until_ns:
@@ -155,6 +156,7 @@ class SerialLine:
         time.devices.append(self.live)
 
     def live(self, t_s: float) -> None:
+        """Advances the device and carries the bytes both ways; drops them while silent or unplugged."""
         arrived = self.to_device.arrived(t_s)
         if arrived and not self.silent:
             self.device.receive(arrived, t_s)
@@ -166,13 +168,14 @@ class SerialLine:
         return self.to_host.arrived(t_s)
 
     def read(self, timeout_s: float) -> bytes:
+        """Waits for bytes while the devices live; DeviceError: unplugged."""
         until_ns = self._time.now_ns() + round(timeout_s * 1e9)
         while True:
             if not self.plugged:
                 raise DeviceError(f"{self.port}: gone while reading")
-            found = self.arrived(self._time.t_s)
-            if found or self._time.now_ns() >= until_ns:
-                return found
+            data = self.arrived(self._time.t_s)
+            if data or self._time.now_ns() >= until_ns:
+                return data
             self._time._live_until(self._time.now_ns() + self._time._step_ns)
 
     def write(self, data: bytes) -> None:
@@ -199,6 +202,7 @@ class SteppedCanBus(can.BusABC):
         time.buses.append(self)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        """Queues a frame for the others on the channel and delivers it; CanOperationError: unplugged."""
         if self.gone:
             raise can.CanOperationError(f"{self.channel}: gone while writing")
         for other in self._time.buses:
@@ -225,7 +229,7 @@ def _call(one: object, function: Callable[..., object], *more: object) -> object
 
 @contextmanager
 def stepped(step_ns: int = 1_000_000) -> Iterator[SteppedTime]:
-    """Time that is stepped, for every driver that is opened within the block."""
+    """Steps the time, in place of threads, ports and buses, of every driver that is opened in the block."""
     time = SteppedTime(step_ns)
 
     def open_serial(stream: Any, settings: SerialSettings, timeout_s: float = 0.02) -> None:  # noqa: ANN401
@@ -289,6 +293,7 @@ class EmulatedBench:
 
     @contextmanager
     def opened(self) -> Iterator[Any]:
+        """Opens a new driver for the length of the block."""
         device = self.make()
         try:
             device.open()
@@ -297,7 +302,7 @@ class EmulatedBench:
             device.close()
 
     def plug(self, plugged: bool) -> None:
-        """Pulls the cable of the host, or puts it in again."""
+        """Puts the host's cable in, or pulls it."""
         if self.line is not None:
             self.line.plugged = plugged
         elif self.on_can:
@@ -308,7 +313,7 @@ class EmulatedBench:
 
     @contextmanager
     def silent(self) -> Iterator[None]:
-        """The device neither hears nor is heard within the block."""
+        """Silences the device within the block: it neither receives nor sends."""
         living = list(self.time.devices)
         if self.line is not None:
             self.line.silent = True
@@ -325,7 +330,7 @@ class EmulatedBench:
 
 
 def connect(time: SteppedTime, device: Any) -> None:  # noqa: ANN401 - what has `step`
-    """Steps a device that has no serial port; one on CAN at each frame, too."""
+    """Has a device without serial port stepped with the time, and one on CAN at each frame, too."""
 
     def step(_t_s: float = 0.0) -> None:
         device.step(0.0)
@@ -337,7 +342,7 @@ def connect(time: SteppedTime, device: Any) -> None:  # noqa: ANN401 - what has 
 
 
 class DriverContract:
-    """What every driver has to keep. Subclass the one of the slot, with the driver's name."""
+    """Contract of every driver. Subclass the one of the slot, with the driver's name."""
 
     driver: ClassVar[str]
     slot: ClassVar[Slot]
@@ -353,7 +358,7 @@ class DriverContract:
             yield EmulatedBench(self.installed(), tmp_path, time, leave)
 
     def read(self, bench: EmulatedBench, device: Any) -> list[Any]:  # noqa: ANN401
-        """What the control loop gets at a tick."""
+        """Readings that the control loop gets at a tick."""
         return [device.read(bench.time.now_ns())]
 
     def test_open_connects_and_close_is_idempotent(self, bench: EmulatedBench) -> None:
@@ -399,7 +404,7 @@ class DriverContract:
         assert device.link.inhibited is not None, "a fault has to wait for rearm"
 
     def require_recovery(self, bench: EmulatedBench, device: Any) -> None:  # noqa: ANN401
-        """The device comes back by itself, and serves only after `rearm`."""
+        """Waits until the device is back by itself; requires it to serve after `rearm`, not before."""
         if device.link.inhibited is not None:
             bench.time.run_until(lambda: device.link.state is LinkState.CONFIGURED)
             with pytest.raises(ForefeelError):
@@ -455,16 +460,16 @@ class LoadCellContract(DriverContract):
         return list(device.read(bench.time.now_ns(), None))
 
     def require_fault(self, bench: EmulatedBench, device: Any) -> None:  # noqa: ANN401
-        """Reads until the driver raises, or has no new reading that is valid."""
+        """Reads until the driver raises or has no new valid reading for a while, else AssertionError."""
         newest_ns = bench.time.now_ns()
 
         def failed() -> bool:
             nonlocal newest_ns
             try:
-                found = self.read(bench, device)
+                readings = self.read(bench, device)
             except ForefeelError:
                 return True
-            newest_ns = max([newest_ns, *(each.stamp_ns for each in found if each.valid)])
+            newest_ns = max([newest_ns, *(reading.stamp_ns for reading in readings if reading.valid)])
             return bool(bench.time.now_ns() - newest_ns > max(device.stale_s, 0.2) * 1e9)
 
         bench.time.run_until(failed, self.noticed_s)
@@ -477,7 +482,7 @@ class LoadCellContract(DriverContract):
 
     def test_reading_comes_once_at_its_rate(self, bench: EmulatedBench) -> None:
         with bench.opened() as cell:
-            stamps_ns = [each.stamp_ns for each in self.readings(bench, cell, 1.0)]
+            stamps_ns = [reading.stamp_ns for reading in self.readings(bench, cell, 1.0)]
         assert all(after > before for before, after in pairwise(stamps_ns))
         assert stamps_ns[-1] <= bench.time.now_ns()
         rate_hz = (len(stamps_ns) - 1) * 1e9 / (stamps_ns[-1] - stamps_ns[0])
@@ -491,7 +496,7 @@ class LoadCellContract(DriverContract):
             assert self.mean_n(bench, cell) - empty_n == pytest.approx(self.load_n, rel=0.05)
 
     def mean_n(self, bench: EmulatedBench, cell: Any) -> float:  # noqa: ANN401
-        forces_n = [each.force_n for each in self.readings(bench, cell, 0.5) if each.valid]
+        forces_n = [reading.force_n for reading in self.readings(bench, cell, 0.5) if reading.valid]
         return float(sum(forces_n) / len(forces_n))
 
     def test_fault_of_the_cell_is_not_believed(self, bench: EmulatedBench) -> None:
@@ -499,9 +504,9 @@ class LoadCellContract(DriverContract):
             for fault in self.distrusted:
                 bench.time.run(1.0)  # it must have been seen to be noisy before it can stick
                 bench.device.provoke(fault)
-                bench.time.run_until(lambda: any(not each.valid for each in self.read(bench, cell)), 3.0)
+                bench.time.run_until(lambda: any(not one.valid for one in self.read(bench, cell)), 3.0)
                 bench.device.provoke("free")
-                bench.time.run_until(lambda: any(each.valid for each in self.read(bench, cell)), 3.0)
+                bench.time.run_until(lambda: any(one.valid for one in self.read(bench, cell)), 3.0)
 
 
 class HandleContract(DriverContract):

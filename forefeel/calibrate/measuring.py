@@ -1,4 +1,4 @@
-"""What a calibration computes and when it is refused. Pure: readings in, numbers out; no clock, no device."""
+"""Computations and refusals of a calibration. Pure: readings in, numbers out; no clock, no device."""
 
 from collections.abc import Sequence
 from math import hypot, inf, isfinite, sqrt
@@ -84,7 +84,7 @@ def require_steady(level: Level, newton_per_native: float, range_n: float, what:
 
 
 def forces_of(text: str, newton_per_unit: float, where: str) -> list[float]:
-    """The forces in N of a list such as `0,0.05,0.1`, zero left out: the cell is tared without a load.
+    """Parses a list such as `0,0.05,0.1` to forces in N, zero left out: the cell is tared without a load.
 
     Raises:
         ConfigurationError: not a list of numbers, one twice, fewer than two loads with that of the tare, or
@@ -122,8 +122,8 @@ def range_of(forces: Sequence[float]) -> tuple[float, float]:
 
 
 def fit(steps: Sequence[Step]) -> CalibrationFit:
-    """The line of least squares through the steps: native = zero + F / gain_n, for the weights are exact and
-    the readings are not.
+    """Fits the line of least squares through the steps: native = zero + F / gain_n, for the weights are exact
+    and the readings are not.
 
     Raises:
         RunError: fewer than two different loads, or every load reads the same.
@@ -142,48 +142,40 @@ def fit(steps: Sequence[Step]) -> CalibrationFit:
     return CalibrationFit(gain_n, zero, hypot(*left) / sqrt(n), abs(gain_n) * _largest_difference(steps))
 
 
-def require_line(found: CalibrationFit, range_n: float, residual_share: float) -> None:
-    """Refuses a cell that is not linear enough.
-
-    Raises:
-        RunError: the residual is more than that share of the range.
-    """
+def require_line(fitted: CalibrationFit, range_n: float, residual_share: float) -> None:
+    """Refuses a cell that is not linear enough. RunError: a residual above that share of the range."""
     allowed_n = residual_share * range_n
-    if not found.residual_n <= allowed_n:
+    if not fitted.residual_n <= allowed_n:
         raise RunError(
-            f"residual {found.residual_n:.3g} N rms, allowed {allowed_n:.3g} N ({residual_share:.1%} of "
-            f"{range_n:.3g} N), hysteresis {found.hysteresis_n:.3g} N: the readings are no line of the "
+            f"residual {fitted.residual_n:.3g} N rms, allowed {allowed_n:.3g} N ({residual_share:.1%} of "
+            f"{range_n:.3g} N), hysteresis {fitted.hysteresis_n:.3g} N: the readings are no line of the "
             "loads; check the weights and their order"
         )
 
 
 def _largest_difference(steps: Sequence[Step]) -> float:
     """Largest difference in native units of one load met twice."""
-    seen: dict[float, tuple[float, float]] = {}
+    ranges: dict[float, tuple[float, float]] = {}
     for force_n, level in steps:
-        low, high = seen.get(force_n, (inf, -inf))
-        seen[force_n] = min(low, level.mean), max(high, level.mean)
-    return max(high - low for low, high in seen.values())
+        low, high = ranges.get(force_n, (inf, -inf))
+        ranges[force_n] = min(low, level.mean), max(high, level.mean)
+    return max(high - low for low, high in ranges.values())
 
 
 def travel_of(
     reference: float, ends: tuple[float, float], native_per_m: float, sign: int
 ) -> tuple[float, float]:
-    """The ends of the travel from the reference in m, to the nanometre, from what was found in native units;
+    """The ends of the travel from the reference in m, to the nanometre; reference and ends in native units,
     `sign` as in the settings.
     """
     low_m, high_m = sorted(round(sign * (end - reference) / native_per_m, 9) for end in ends)
     return low_m, high_m
 
 
-def require_travel(found_m: tuple[float, float], expected_m: tuple[float, float]) -> None:
-    """Refuses a stage that does not reach what its settings say.
-
-    Raises:
-        RunError: with what was found and what was expected.
-    """
-    if found_m[0] > expected_m[0] or found_m[1] < expected_m[1]:
-        low, high = (1e3 * end_m for end_m in found_m)
+def require_travel(measured_m: tuple[float, float], expected_m: tuple[float, float]) -> None:
+    """Refuses a stage that does not reach what its settings say. RunError: with both travels."""
+    if measured_m[0] > expected_m[0] or measured_m[1] < expected_m[1]:
+        low, high = (1e3 * end_m for end_m in measured_m)
         raise RunError(
             f"travel {low:.3f} to {high:.3f} mm found, settings say stage.travel_m = {list(expected_m)}; "
             "correct it, the scale or the sign, or take away what is in the way"

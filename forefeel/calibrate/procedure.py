@@ -61,7 +61,7 @@ class Target(NamedTuple):
     valid_days: int = 365
 
     def device(self, slot: Slot) -> ConfiguredDevice:
-        """The device of that slot, once the file can be written.
+        """Checks that the file can be written; returns the device of that slot.
 
         Raises:
             ConfigurationError: it can not, or there is no such device.
@@ -108,7 +108,7 @@ def run_load_cell(
     cell: NativeLoadCell = device.driver.make(device.settings, time)
     with breakable(_INTERRUPTED), closing(cell):
         cell.open_native()
-        serial = _introduced(device, cell.link)
+        serial = _identify(device, cell.link)
         for force_n in walk_of(loads_n):
             load = f"{force_n:.5g} N ({force_n / STANDARD_GRAVITY_M_S2:.5g} kg)" if force_n else "no load"
             request = f"Apply {load}" if force_n else "Unload the cell"
@@ -118,27 +118,28 @@ def run_load_cell(
             steps.append(Step(force_n, level))
             say(f"  {level.mean:.8g} +- {level.std:.2g}, {level.readings} readings")
     # the sign of the settings is applied after the calibration, so it is no part of the gain
-    found = fit([Step(sign * step.force_n, step.level) for step in steps])
-    require_line(found, high_n - low_n, residual_share)
-    if flaw := cell.scale.flaw(found.gain_n, found.zero):
+    fitted = fit([Step(sign * step.force_n, step.level) for step in steps])
+    require_line(fitted, high_n - low_n, residual_share)
+    if flaw := cell.scale.flaw(fitted.gain_n, fitted.zero):
         raise RunError(f"{flaw}; correct load_cell (its sign, too), or the weights; nothing was written")
     calibration = LoadCellCalibration(
         format="forefeel.load_cell_calibration/1",
-        **_of(device, serial, target),
-        **found._asdict(),
+        **_header(device, serial, target),
+        **fitted._asdict(),
         range_n=(low_n, high_n),
         points=tuple((step.level.mean, step.force_n) for step in steps),
     )
     _write(
         target.out,
         calibration,
-        f"Gain        {found.gain_n:.6g} N per native unit, zero {found.zero:.6g}, {len(steps)} steps",
-        f"Residual    {found.residual_n:.3g} N rms, {found.residual_n / (high_n - low_n):.2%} of the range",
-        f"Hysteresis  {found.hysteresis_n:.3g} N, the largest difference between up and down",
+        f"Gain        {fitted.gain_n:.6g} N per native unit, zero {fitted.zero:.6g}, {len(steps)} steps",
+        f"Residual    {fitted.residual_n:.3g} N rms, {fitted.residual_n / (high_n - low_n):.2%} of the range",
+        f"Hysteresis  {fitted.hysteresis_n:.3g} N, the largest difference between up and down",
     )
 
 
 def _loads_n(weights: str | None, forces: str | None) -> list[float]:
+    """Loads in N of the one option that is given; ConfigurationError: none, both, or a weight below 0."""
     if forces is not None and weights is None:
         return forces_of(forces, 1.0, "--forces")
     if weights is None or forces is not None:
@@ -150,20 +151,21 @@ def _loads_n(weights: str | None, forces: str | None) -> list[float]:
 
 
 def _level(cell: NativeLoadCell, clock: SleepingClock, load: str, settle_s: float) -> Level:
+    """Reads a settled load for 0.5 s, at least ten times. DeviceError: too slow; RunError: not valid."""
     settled_ns = clock.now_ns() + round(settle_s * 1e9)
-    found: list[NativeReading] = []
-    while len(found) < LEAST_READINGS or found[-1].stamp_ns - found[0].stamp_ns < _AVERAGE_S * 1e9:
+    readings: list[NativeReading] = []
+    while len(readings) < LEAST_READINGS or readings[-1].stamp_ns - readings[0].stamp_ns < _AVERAGE_S * 1e9:
         if clock.now_ns() - settled_ns > _SLOWEST_S * 1e9:
             raise DeviceError(
-                f"{len(found)} readings within {_SLOWEST_S:g} s: expected at least {LEAST_READINGS}"
+                f"{len(readings)} readings within {_SLOWEST_S:g} s: expected at least {LEAST_READINGS}"
             )
         read = cell.read_native(clock.now_ns())  # meanwhile, too: a cell that fails is noticed
-        found += read if clock.now_ns() > settled_ns else ()
+        readings += read if clock.now_ns() > settled_ns else ()
         clock.sleep_until_ns(clock.now_ns() + _POLL_NS)
-    if not all(reading.valid for reading in found):
+    if not all(reading.valid for reading in readings):
         raise RunError(f"{load}: readings that are not valid; expected the cell within its range")
-    times_s = [(reading.stamp_ns - found[0].stamp_ns) * 1e-9 for reading in found]
-    return level_of(times_s, [reading.native for reading in found])
+    times_s = [(reading.stamp_ns - readings[0].stamp_ns) * 1e-9 for reading in readings]
+    return level_of(times_s, [reading.native for reading in readings])
 
 
 def run_stage(target: Target, velocity_m_s: float, clock: SleepingClock | None = None) -> None:
@@ -192,7 +194,7 @@ def run_stage(target: Target, velocity_m_s: float, clock: SleepingClock | None =
         _no_slave_beside(target.config),
         device.driver.make_homing(settings, clock or MonotonicClock()) as stage,
     ):
-        serial = _introduced(device, stage.link)
+        serial = _identify(device, stage.link)
         if ask_person(intent, ". Type yes to go on", target.yes) not in ("yes", "y"):
             raise RunError("not confirmed; nothing moved, nothing written")
         HOST.prepare_thread(_PRIORITY)  # a drive that watches our heartbeat stops when we are kept waiting
@@ -207,7 +209,7 @@ def run_stage(target: Target, velocity_m_s: float, clock: SleepingClock | None =
     low_mm, high_mm = (1e3 * end_m for end_m in travel_m)
     calibration = StageCalibration(
         format="forefeel.stage_calibration/1",
-        **_of(device, serial, target),
+        **_header(device, serial, target),
         zero=zero,
         native_per_m=settings.native_per_m,
         travel_m=travel_m,
@@ -221,11 +223,8 @@ def run_stage(target: Target, velocity_m_s: float, clock: SleepingClock | None =
 
 @contextmanager
 def _no_slave_beside(config: Path) -> Iterator[None]:
-    """Holds the slave's state folder while the body moves its devices.
-
-    Raises:
-        ConfigurationError: the slave of this file runs.
-        RunError: an emergency stop is latched.
+    """Holds the slave's state folder while the body moves its devices. ConfigurationError: the slave of this
+    file runs. RunError: an emergency stop is latched.
     """
     folder = state_path(load_daemon(config), "slave", os.environ)
     if not folder.is_dir():  # no slave has ever used it
@@ -241,10 +240,8 @@ def _no_slave_beside(config: Path) -> Iterator[None]:
 
 
 def ask_person(text: str, request: str, yes: bool) -> str:
-    """Says `text`, and waits for the line that it requests on stdin; with `yes` it waits for nothing.
-
-    Raises:
-        RunError: stdin ended.
+    """Prints `text`, and returns the line that it requests on stdin; with `yes` it waits for nothing.
+    RunError: stdin ended.
     """
     if yes:
         say(text)
@@ -256,12 +253,8 @@ def ask_person(text: str, request: str, yes: bool) -> str:
     return line.strip().lower()
 
 
-def _introduced(device: ConfiguredDevice, link: DeviceLink) -> str:
-    """Says who has answered; the serial number that the calibration is bound to.
-
-    Raises:
-        DeviceSetupError: the device has none.
-    """
+def _identify(device: ConfiguredDevice, link: DeviceLink) -> str:
+    """Prints the identity; returns the serial number for the calibration. DeviceSetupError: it has none."""
     if not link.serial:
         raise DeviceSetupError(
             f"{device.name} on {device.where}: no serial number; expected one to bind the calibration to; "
@@ -272,17 +265,13 @@ def _introduced(device: ConfiguredDevice, link: DeviceLink) -> str:
     return link.serial
 
 
-def _of(device: ConfiguredDevice, serial: str, target: Target) -> dict[str, Any]:
+def _header(device: ConfiguredDevice, serial: str, target: Target) -> dict[str, Any]:
     head = {"driver": device.driver.name, "serial": serial, "date": date.today()}
     return {**head, "valid_days": target.valid_days}
 
 
 def _write(out: Path, calibration: LoadCellCalibration | StageCalibration, *lines: str) -> None:
-    """Writes the file whole or not at all, and answers the lines.
-
-    Raises:
-        RunError: it can not be written.
-    """
+    """Writes the file whole or not at all, and prints the lines. RunError: it can not be written."""
     write_whole(out, dump_yaml(calibration), "the calibration")
     what = f"{out}: serial {calibration.serial}, {calibration.date}, valid {calibration.valid_days} days"
     answer(*lines, what, document=lambda: calibration.model_dump(mode="json"))

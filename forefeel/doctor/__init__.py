@@ -1,1 +1,1 @@
-"""Whether a host and its settings are fit to run: green, amber, red, and what to do."""
+"""Fitness of a host and its settings to run: green, amber, red, and what to do."""

@@ -18,7 +18,7 @@ from forefeel.common.transport.pki import read_certificate, read_identity, renew
 from forefeel.common.transport.security import Party, PartyRole
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.daemon_settings import load_daemon
-from forefeel.doctor.host import ClockState, Heard, HostProbe, LoopCheck
+from forefeel.doctor.host import CellStates, ClockState, HostProbe, LoopCheck
 from forefeel.probe.configured import ConfiguredDevice, configured
 from forefeel.probe.probe import Probed
 from forefeel.reachability import Reached
@@ -27,8 +27,7 @@ from forefeel.slave.settings import SlaveSettings
 Level = Literal["green", "amber", "red"]
 LEVELS: tuple[Level, ...] = ("green", "amber", "red")
 LOOP_S = 2.0
-_NO_FILE_PRIORITY = 50
-"""Default of `realtime.priority`."""
+_NO_FILE_PRIORITY = 50  # default of `realtime.priority`
 _SOON_DAYS = 30
 _GOOD_US, _POOR_US = 250.0, 1000.0  # lateness at the 99th percentile: a quarter of a period, and a whole one
 _MANY_MISSED = 0.01  # share of ticks
@@ -64,7 +63,7 @@ class Finding:
 def examine(
     files: Sequence[Path], host: HostProbe, progress: Callable[[str], None], environment: Mapping[str, str]
 ) -> list[Finding]:
-    """Every check that the files allow; without files those of the host.
+    """Runs every check that the files allow; without files those of the host.
 
     Raises:
         ConfigurationError: a file can not be loaded, or two are of one role.
@@ -84,22 +83,23 @@ def examine(
     versions = f"{metadata.version('forefeel')}, Python {platform.python_version()}"
     findings.append(Finding("versions", "forefeel", "green", versions))
     progress(f"real time, {LOOP_S:g} s")
-    priority = max((each.realtime.priority for each in ends), default=_NO_FILE_PRIORITY)
+    priority = max((settings.realtime.priority for settings in ends), default=_NO_FILE_PRIORITY)
     return [*findings, *check_loop(host.loop(priority, LOOP_S), priority)]
 
 
 def _load(files: Sequence[Path]) -> list[DaemonSettings]:
+    """Loads the daemons' settings; ConfigurationError: two of one role."""
     loaded: list[DaemonSettings] = []
     for path in files:
         settings = load_daemon(path)
-        if any(each.role == settings.role for each in loaded):
+        if any(other.role == settings.role for other in loaded):
             raise ConfigurationError(f"--config {path}: another {settings.role}; expected one of each role")
         loaded.append(settings)
     return loaded
 
 
 def check_certificates(settings: DaemonSettings, host: HostProbe) -> Iterator[Finding]:
-    """Whether what is open to a network is secured, by a certificate that is valid and names this host."""
+    """Checks that what is open to a network has a certificate, valid and of this host's names."""
     role, transport, group = settings.role, settings.transport, "certificates"
     try:
         secured = transport.pki is not None
@@ -111,8 +111,8 @@ def check_certificates(settings: DaemonSettings, host: HostProbe) -> Iterator[Fi
         advice = "forefeel pki init makes certificates; name this host's folder in transport.pki"
         yield Finding(group, f"{role}'s traffic", "red", notice, advice)
     else:
-        found = "certificates on every endpoint" if secured else "stays on this host, needs no certificates"
-        yield Finding(group, f"{role}'s traffic", "green", found)
+        text = "certificates on every endpoint" if secured else "stays on this host, needs no certificates"
+        yield Finding(group, f"{role}'s traffic", "green", text)
     folder, party = transport.pki, Party(role, (settings.cell,))
     if folder is None:
         return
@@ -122,17 +122,18 @@ def check_certificates(settings: DaemonSettings, host: HostProbe) -> Iterator[Fi
     try:
         left_days = (read_identity(folder, party, host.now()).expires - host.now()).days
     except ConfigurationError as error:
-        found, _, advice = str(error).partition("; ")
-        yield Finding(group, party.name, "red", found, advice)
+        text, _, advice = str(error).partition("; ")
+        yield Finding(group, party.name, "red", text, advice)
         return
     soon = left_days < _SOON_DAYS
     advice = f"expected {renewal(folder / f'{role}.crt')}" if soon else ""
-    found = f"valid, {left_days} days left"
-    yield Finding(group, party.name, "amber" if soon else "green", found, advice)
+    text = f"valid, {left_days} days left"
+    yield Finding(group, party.name, "amber" if soon else "green", text, advice)
     yield from _check_names(folder, role, party, transport.listen)
 
 
 def _check_names(folder: Path, role: Role, party: Party, listen: Sequence[str]) -> Iterator[Finding]:
+    """Checks that the certificate names the addresses at which the daemon listens for other hosts."""
     from forefeel.pki.authority import hosts_of  # noqa: PLC0415 - loads the library of certificates
 
     wanted = [endpoint.partition("/")[2].rpartition(":")[0] for endpoint in listen]
@@ -151,7 +152,7 @@ def _check_names(folder: Path, role: Role, party: Party, listen: Sequence[str]) 
 
 
 def check_network(settings: DaemonSettings, host: HostProbe) -> Iterator[Finding]:
-    """Whether router or peer answers and takes our certificate, how far it is, and how clocks compare."""
+    """Tries each endpoint with our certificate, for its round trip; then compares the clocks."""
     role, transport = settings.role, settings.transport
     if not transport.listen and not transport.connect:
         advice = "name one in transport.listen or transport.connect"
@@ -162,47 +163,47 @@ def check_network(settings: DaemonSettings, host: HostProbe) -> Iterator[Finding
         try:
             identity = read_identity(transport.pki, party, host.now()).identity
         except ConfigurationError:
-            return  # said with the certificates
+            return  # reported with the certificates
     other = "router" if transport.mode == "client" else "slave" if role == "master" else "master"
     for endpoint in transport.connect:
         yield _judged_reach(host.reach(endpoint, identity, other))
     observer: PartyRole = role
     if transport.pki is not None and (transport.pki / "viewer.key").exists():
         observer = "viewer"  # it hears both ends, a daemon's own role only the other one
-    local = [
-        each.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:") for each in transport.listen
-    ]
+    local = [end.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/[::1]:") for end in transport.listen]
     way = TransportSettings(mode=transport.mode, connect=(*transport.connect, *local), pki=transport.pki)
     secured = Party(observer, (settings.cell,)) if transport.pki is not None else None
     axes = [axis.name for axis in settings.axes]
     yield from check_clocks(host.states(way, secured, settings.cell, axes))
 
 
-def _judged_reach(found: Reached) -> Finding:
-    if found.obstacle is not None:
-        return Finding("network", found.endpoint, "red", found.obstacle.what, found.obstacle.advice)
-    if found.connect_s is None:
+def _judged_reach(reached: Reached) -> Finding:
+    """Red for an obstacle, amber where it can not be tried, else green with the round trip."""
+    if reached.obstacle is not None:
+        return Finding("network", reached.endpoint, "red", reached.obstacle.what, reached.obstacle.advice)
+    if reached.connect_s is None:
         what = "can not be tried from here: only tcp/ and tls/ are"
         return Finding(
-            "network", found.endpoint, "amber", what, "start the daemon: it says what it waits for"
+            "network", reached.endpoint, "amber", what, "start the daemon: it says what it waits for"
         )
-    tls = "" if found.handshake_s is None else f", TLS handshake {found.handshake_s * 1e3:.1f} ms"
-    trip = f"answers, round trip {found.connect_s * 1e3:.2f} ms{tls}"
-    return Finding("network", found.endpoint, "green", trip)
+    tls = "" if reached.handshake_s is None else f", TLS handshake {reached.handshake_s * 1e3:.1f} ms"
+    trip = f"answers, round trip {reached.connect_s * 1e3:.2f} ms{tls}"
+    return Finding("network", reached.endpoint, "green", trip)
 
 
-def check_clocks(heard: Heard) -> Iterator[Finding]:
-    """By the bound of the offset: good below 1 ms, acceptable to 10 ms, above that poor; unknown is amber."""
-    if heard.hint:
-        yield Finding("network", "mode", "red", heard.hint, "correct transport.mode")
-    if not heard.states:
-        found = f"unknown: {heard.error or 'no daemon of this cell is heard'}"
-        yield Finding("clock", "between the ends", "amber", found, "start slave and master, then ask again")
-    for state in heard.states:
+def check_clocks(received: CellStates) -> Iterator[Finding]:
+    """Judges each offset by its bound: good below 1 ms, acceptable to 10 ms, poor above; unknown is amber."""
+    if received.hint:
+        yield Finding("network", "mode", "red", received.hint, "correct transport.mode")
+    if not received.states:
+        text = f"unknown: {received.error or 'no daemon of this cell is heard'}"
+        yield Finding("clock", "between the ends", "amber", text, "start slave and master, then ask again")
+    for state in received.states:
         yield _judged_clock(state)
 
 
 def _judged_clock(state: ClockState) -> Finding:
+    """Green to a bound of 10 ms, amber above and without a session, red when unknown in a session."""
     subject = f"{state.end}, axis {state.axis}"
     if state.offset_ns is None or state.bound_ns is None:
         if state.session:
@@ -218,37 +219,38 @@ def _judged_clock(state: ClockState) -> Finding:
 
 
 def check_devices(settings: DaemonSettings, process: int | None, host: HostProbe) -> Iterator[Finding]:
-    """The devices themselves, unless their daemon runs; nothing is moved."""
+    """Probes the devices, unless their daemon runs; nothing is moved."""
     role = settings.role
     real = [device for device in configured(settings) if device.settings.hardware]
     if not real:
         yield Finding("devices", f"{role}'s devices", "green", "all simulated")
     elif process is not None:
-        found = f"not asked: the {role} runs (process {process}) and holds its devices"
-        yield Finding("devices", f"{role}'s devices", "amber", found, f"end the {role}, then ask again")
+        text = f"not asked: the {role} runs (process {process}) and holds its devices"
+        yield Finding("devices", f"{role}'s devices", "amber", text, f"end the {role}, then ask again")
     else:
         yield from (_judged_device(device, host.probe(device)) for device in real)
 
 
 def check_caveats(settings: DaemonSettings) -> Iterator[Finding]:
-    """What is simulated, uncalibrated or relaxed beside hardware."""
+    """Lists what is simulated, uncalibrated or relaxed beside hardware."""
     for axis in settings.axes:
         for caveat in axis.caveats if any(device.hardware for device in axis.sections.values()) else ():
             advice = "name a device, calibrate it, drop it from unsafe; or mean it so"
             yield Finding("devices", f"{axis.name} settings", "amber", caveat, advice)
 
 
-def _judged_device(device: ConfiguredDevice, found: Probed) -> Finding:
-    subject, error = f"{device.name}, {device.driver.name}", found.error or "failed"
-    if found.verdict == "ready" and found.invalid:
-        advice = f"forefeel device probe --config FILE shows what is counted at {found.where}"
-        return Finding("devices", subject, "amber", f"answers; {found.invalid} readings not valid", advice)
-    if found.verdict == "ready" and found.warning:
-        return Finding("devices", subject, "amber", found.warning, "install deploy/udev/99-forefeel.rules")
-    if found.verdict == "ready":
-        trip = "" if found.round_trip is None else f", round trip p99 {found.round_trip.p99_ms:.2g} ms"
-        rate = "" if found.rate_hz is None else f", {found.rate_hz:.4g} Hz"
-        return Finding("devices", subject, "green", f"answers: {found.identity or found.where}{rate}{trip}")
+def _judged_device(device: ConfiguredDevice, probed: Probed) -> Finding:
+    """Green when it answers; amber for invalid readings, a warning, or a busy port; else red."""
+    subject, error = f"{device.name}, {device.driver.name}", probed.error or "failed"
+    if probed.verdict == "ready" and probed.invalid:
+        advice = f"forefeel device probe --config FILE shows what is counted at {probed.where}"
+        return Finding("devices", subject, "amber", f"answers; {probed.invalid} readings not valid", advice)
+    if probed.verdict == "ready" and probed.warning:
+        return Finding("devices", subject, "amber", probed.warning, "install deploy/udev/99-forefeel.rules")
+    if probed.verdict == "ready":
+        trip = "" if probed.round_trip is None else f", round trip p99 {probed.round_trip.p99_ms:.2g} ms"
+        rate = "" if probed.rate_hz is None else f", {probed.rate_hz:.4g} Hz"
+        return Finding("devices", subject, "green", f"answers: {probed.identity or probed.where}{rate}{trip}")
     if "busy" in error:
         advice = "end what holds it, then ask again"
         return Finding("devices", subject, "amber", f"not asked: {error}", advice)
@@ -257,7 +259,7 @@ def _judged_device(device: ConfiguredDevice, found: Probed) -> Finding:
 
 
 def check_force_limit(settings: DaemonSettings) -> Iterator[Finding]:
-    """For which speed, wall, cell and stage the limit of each axis of a slave holds."""
+    """States for which speed, wall, cell and stage the force limit of each slave's axis holds."""
     for axis in settings.axes if isinstance(settings, SlaveSettings) else ():
         reaction = axis.reaction()
         level: Level = "red" if open_speed_m_s(axis.limits, reaction) < LEAST_M_S else "green"
@@ -266,7 +268,7 @@ def check_force_limit(settings: DaemonSettings) -> Iterator[Finding]:
 
 
 def check_disk(folder: Path, host: HostProbe) -> Iterator[Finding]:
-    """Whether the state folder can be written, by this user alone, and how much room there is."""
+    """Checks that the state folder can be written, by this user alone, and how much room there is."""
     disk = host.disk(folder)
     if not disk.writable:
         advice = "give it to the user that runs the daemon (systemd: StateDirectory)"
@@ -274,8 +276,8 @@ def check_disk(folder: Path, host: HostProbe) -> Iterator[Finding]:
     elif disk.mode is not None and disk.mode & 0o077:
         level: Level = "red" if disk.mode & 0o022 else "amber"
         what = "write" if disk.mode & 0o022 else "read"
-        found = f"{folder}: mode {disk.mode:04o}, others may {what} it"
-        yield Finding("disk", "state folder", level, found, f"chmod 700 {folder}")
+        text = f"{folder}: mode {disk.mode:04o}, others may {what} it"
+        yield Finding("disk", "state folder", level, text, f"chmod 700 {folder}")
     else:
         yield Finding("disk", "state folder", "green", str(folder))
     free = disk.free_bytes
@@ -285,12 +287,12 @@ def check_disk(folder: Path, host: HostProbe) -> Iterator[Finding]:
 
 
 def check_loop(loop: LoopCheck, priority: int) -> Iterator[Finding]:
-    """Whether a 1 kHz loop is permitted to run in real time, and how late it wakes up."""
+    """Checks that a 1 kHz loop is permitted to run in real time, and how late it wakes up."""
     granted = {"scheduling": not priority or loop.scheduling.startswith("SCHED_FIFO")}
     granted["memory"] = loop.memory == "memory locked"
-    for subject, found in (("scheduling", loop.scheduling), ("memory", loop.memory)):
+    for subject, text in (("scheduling", loop.scheduling), ("memory", loop.memory)):
         level: Level = "green" if granted[subject] else "amber"
-        yield Finding("real time", subject, level, found, "" if granted[subject] else _PERMISSION)
+        yield Finding("real time", subject, level, text, "" if granted[subject] else _PERMISSION)
     share = loop.missed / max(1, loop.ticks + loop.missed)
     level = "amber" if loop.p99_us > _GOOD_US or share > FEW_MISSED else "green"
     if loop.p99_us > _POOR_US or share > _MANY_MISSED or not loop.ticks:

@@ -1,4 +1,4 @@
-"""What the doctor asks the host for. Nothing stays changed, and no device is moved."""
+"""Probes of the host for the doctor. Nothing stays changed, and no device is moved."""
 
 import os
 import shutil
@@ -25,13 +25,12 @@ from forefeel.probe.configured import ConfiguredDevice
 from forefeel.probe.probe import Probed, probe
 from forefeel.reachability import Reached, reach
 
-_LISTENING_S = 1.5
-"""The rarer states come ten times a second."""
+_LISTENING_S = 1.5  # the rarer states come ten times a second
 
 
 @dataclass(frozen=True, slots=True)
 class LoopCheck:
-    """What a 1 kHz loop was granted, and its lateness in us."""
+    """Scheduling and memory that a 1 kHz loop was granted, and its lateness in us."""
 
     scheduling: str
     memory: str
@@ -44,7 +43,7 @@ class LoopCheck:
 
 @dataclass(frozen=True, slots=True)
 class ClockState:
-    """What one end says of the clocks. `session`: it holds one; None of both numbers: not compared."""
+    """Clocks as one end sees them. `session`: it holds one; None of both numbers: not compared."""
 
     end: str
     axis: str
@@ -54,8 +53,8 @@ class ClockState:
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
-    """States of a cell. `hint`: what is wrong with the way; `error`: why nothing could be heard."""
+class CellStates:
+    """States of a cell. `hint`: what is wrong with the way; `error`: why there are none."""
 
     states: Sequence[ClockState] = ()
     hint: str = ""
@@ -64,7 +63,7 @@ class Heard:
 
 @dataclass(frozen=True, slots=True)
 class Disk:
-    """Where a folder is or is going to be; `mode`: its permissions, None where it is not there yet."""
+    """State of a folder that is there or is going to be; `mode`: None where it is not there yet."""
 
     writable: bool
     mode: int | None
@@ -76,11 +75,11 @@ class HostProbe:
         return now_utc()
 
     def running(self, state: Path) -> int | None:
-        """The process of the daemon that has this state folder."""
+        """Process id of the daemon that has this state folder; None without one."""
         return holder(state)
 
     def loop(self, priority: int, seconds: float) -> LoopCheck:
-        """Runs a loop that does nothing, as a daemon would; memory stays locked."""
+        """Runs an idle loop as a daemon would, and returns its lateness; memory stays locked."""
         memory, failures = prepare_process(), list[BaseException]()
         thread = RealtimeThread("doctor", TICK_NS, lambda _now_ns: None, MonotonicClock(), failures.append)
         thread.start(priority)
@@ -95,7 +94,8 @@ class HostProbe:
 
     def states(
         self, transport: TransportSettings, party: Party | None, cell: str, axes: Sequence[str]
-    ) -> Heard:
+    ) -> CellStates:
+        """Receives the states of both ends of every axis for 1.5 s; `error` where no transport opens."""
         newest: dict[tuple[str, str], ClockState] = {}
 
         def take(end: str, axis: str, state: SlaveState | MasterState, receive_ns: int) -> None:
@@ -107,7 +107,7 @@ class HostProbe:
         try:
             zenoh = ZenohTransport.open(transport, clock, lambda _: None, party, insecure=True)
         except ForefeelError as error:
-            return Heard(error=str(error))
+            return CellStates(error=str(error))
         try:
             for axis in axes:
                 bus = Bus(zenoh, cell, axis, clock)
@@ -117,7 +117,7 @@ class HostProbe:
             hint = zenoh.hint
         finally:
             zenoh.close()
-        return Heard([newest[key] for key in sorted(newest)], hint)
+        return CellStates([newest[key] for key in sorted(newest)], hint)
 
     def probe(self, device: ConfiguredDevice) -> Probed:
         return probe(device, 0.3, MonotonicClock())

@@ -41,12 +41,12 @@ class EmulatorOptions:
 
 
 def run_emulator(options: EmulatorOptions, duration_s: float | None = None) -> None:
-    """Runs until SIGINT, SIGTERM, SIGHUP or the end of the duration.
+    """Runs one emulated device until SIGINT, SIGTERM, SIGHUP or the end of the duration.
 
     Raises:
         InputError: an unknown device, a file or a place for the port that can not be used.
     """
-    drivers = {found.name: found for found in every_driver() if found.driver.emulator}
+    drivers = {known.name: known for known in every_driver() if known.driver.emulator}
     driver = drivers.get(options.device)
     if driver is None and options.device != CAN_HUB:
         raise ConfigurationError(f"{options.device!r}: expected one of {', '.join([*drivers, CAN_HUB])}")
@@ -62,7 +62,7 @@ def run_emulator(options: EmulatorOptions, duration_s: float | None = None) -> N
 
 
 class Living(Protocol):
-    """What lives by being stepped, and can be disturbed."""
+    """An emulated device that is stepped, and can be disturbed."""
 
     @property
     def faults(self) -> Sequence[str]: ...
@@ -77,7 +77,7 @@ class Living(Protocol):
 def _emulated(
     driver: InstalledDriver, options: EmulatorOptions, leave: ExitStack
 ) -> tuple[Living, Load | None]:
-    """The emulator, and what hangs on it; None: it is no load cell."""
+    """Builds and announces the emulator; returns it with its load, None but for a load cell."""
     emulation: Emulation = imported(str(driver.driver.emulator))
     settings, world = section(driver, emulation, options)
     around = Surroundings(world, options.feel, options.seed)
@@ -97,6 +97,7 @@ def _emulated(
 
 
 def _hub(options: EmulatorOptions, leave: ExitStack) -> Living:
+    """Builds and announces a CAN hub, which is closed at the end."""
     if options.port is None:
         raise ConfigurationError("emulate can_hub: expected --port LINK,LINK")
     hub = CanHub([Path(link) for link in options.port.split(",")])
@@ -108,7 +109,7 @@ def _hub(options: EmulatorOptions, leave: ExitStack) -> Living:
 def section(
     driver: InstalledDriver, emulation: Emulation, options: EmulatorOptions
 ) -> tuple[Any, WorldSettings]:
-    """The section of the file that the driver of this device reads, and the world around it.
+    """The settings of this device's driver, from the file or the port, and the world around it.
 
     Raises:
         ConfigurationError: no such axis, or another driver stands there; without a file no port.
@@ -120,11 +121,11 @@ def section(
             )
         return emulation.settings(driver, options.port), preset("catheter")
     daemon = load_daemon(options.config)
-    devices = [each for each in configured(daemon) if options.axis in (None, each.axis)]
-    device = next((each for each in devices if each.driver == driver), None)
+    devices = [device for device in configured(daemon) if options.axis in (None, device.axis)]
+    device = next((device for device in devices if device.driver == driver), None)
     if device is None:
         axis = "" if options.axis is None else f"--axis {options.axis}: "
-        names = ", ".join(each.name for each in daemon.axes)
+        names = ", ".join(axis.name for axis in daemon.axes)
         raise ConfigurationError(
             f"{axis}{options.config}: no driver {options.device!r}; expected one on an axis of {names}"
         )
@@ -134,15 +135,13 @@ def section(
         if emulation.on_can:
             place = {"can": CanSettings(**place["can"], bitrate=settings.can.bitrate)}
         settings = settings.model_copy(update=place)
-    axis_settings = next(each for each in daemon.axes if each.name == device.axis)
+    axis_settings = next(axis for axis in daemon.axes if axis.name == device.axis)
     return settings, getattr(axis_settings, "simulation", None) or preset("catheter")
 
 
 def obey(line: str, living: Living, load: Load | None) -> None:
-    """Obeys `load 1.5` where there is a load cell, and the name of a fault of the device.
-
-    Raises:
-        ConfigurationError: another line; nothing has changed.
+    """Obeys `load 1.5` where there is a load cell, and the name of a fault of the device. ConfigurationError:
+    another line; nothing has changed.
     """
     match line.split():
         case []:

@@ -12,8 +12,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
 AUTHORITY_NAME = "forefeel-ca"
 AUTHORITY_DAYS = 3650
-EARLIER = timedelta(hours=1)
-"""How far before now a certificate begins: the hosts' clocks need not agree to the second."""
+EARLIER = timedelta(hours=1)  # before now a certificate begins: hosts' clocks need not agree to the second
 _THIS_HOST = ("localhost", "127.0.0.1", "::1")
 
 Key = ec.EllipticCurvePrivateKey
@@ -29,7 +28,7 @@ class Authority:
 
     @classmethod
     def new(cls, now: datetime) -> "Authority":
-        """A new one, self-signed; it may sign certificates of ends, but no further authority."""
+        """Makes a key and its self-signed certificate; it signs certificates of ends, of no authority."""
         key = new_key()
         name, identifier = _name(AUTHORITY_NAME), x509.SubjectKeyIdentifier.from_public_key(key.public_key())
         builder = (
@@ -42,7 +41,7 @@ class Authority:
     def sign(
         self, name: str, public_key: PublicKey, hosts: Sequence[str], now: datetime, days: int
     ) -> x509.Certificate:
-        """A certificate of an end that both listens and connects.
+        """Signs the certificate of an end that both listens and connects.
 
         Args:
             name: common name, by which the access control knows it.
@@ -81,12 +80,12 @@ def certificate_pem(certificate: x509.Certificate) -> bytes:
 
 
 def hosts_of(certificate: x509.Certificate) -> tuple[str, ...]:
-    """The names and addresses in it, this host's own left out."""
+    """The names and addresses in a certificate, this host's own left out."""
     try:
-        found = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
+        alternatives = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except x509.ExtensionNotFound:
         return ()
-    names = [str(each.value) for each in found]
+    names = [str(name.value) for name in alternatives]
     return tuple(name for name in names if name not in _THIS_HOST)
 
 
@@ -98,6 +97,7 @@ def _begun(
     end: datetime,
     signer: x509.SubjectKeyIdentifier,
 ) -> x509.CertificateBuilder:
+    """Builder of a certificate with subject, issuer, key, period, and the identifiers of both keys."""
     signed_by = x509.AuthorityKeyIdentifier.from_issuer_subject_key_identifier(signer)
     return (
         x509.CertificateBuilder()

@@ -26,10 +26,8 @@ from forefeel.files import whole
 from forefeel.pki.authority import AUTHORITY_NAME, Authority, certificate_pem, hosts_of, key_pem, new_key
 
 AUTHORITY_KEY = "ca.key"
-RENEWED_WITHIN = timedelta(days=30)
-"""Certificates that end sooner are amber, and are renewed by the next init."""
-ON_THE_HOST = PurePath("/etc/forefeel/pki")
-"""Where router.json5 looks for the router's certificate."""
+RENEWED_WITHIN = timedelta(days=30)  # certificates that end sooner are amber, and renewed by the next init
+ON_THE_HOST = PurePath("/etc/forefeel/pki")  # where router.json5 looks for the router's certificate
 
 _SECRET, _PUBLIC = 0o600, 0o644
 _CELL = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,45}")  # a common name has at most 64 characters
@@ -75,6 +73,7 @@ def init_folder(
 
 
 def _authority(folder: Path, now: datetime) -> Authority:
+    """Reads the authority, after making one in a folder without; ConfigurationError: expired."""
     certificate, key = folder / AUTHORITY, folder / AUTHORITY_KEY
     if not certificate.exists():
         made = Authority.new(now)
@@ -96,6 +95,7 @@ def _issue(
     days: int,
     now: datetime,
 ) -> str:
+    """Makes or renews key and certificate of a party where needed: `new`, `renewed`, `unchanged`."""
     path = inside / f"{party.role}.crt"
     if path.exists():
         old = read_certificate(path)
@@ -116,17 +116,13 @@ def _issue(
 
 
 def read_authority(folder: Path) -> Authority:
-    """The authority with the key that signs.
-
-    Raises:
-        ConfigurationError: one of the two is missing or does not belong to the other.
-    """
+    """Reads the authority. ConfigurationError: key or certificate is missing, or they do not match."""
     path = folder / AUTHORITY_KEY
     try:
         key = load_pem_private_key(path.read_bytes(), None)
     except (OSError, ValueError, TypeError) as error:
-        found = error.strerror if isinstance(error, OSError) else "no private key"
-        raise ConfigurationError(f"{path}: {found}; expected the one of forefeel pki init") from error
+        cause = error.strerror if isinstance(error, OSError) else "no private key"
+        raise ConfigurationError(f"{path}: {cause}; expected the one of forefeel pki init") from error
     certificate = read_certificate(folder / AUTHORITY)
     if not isinstance(key, ec.EllipticCurvePrivateKey) or key.public_key() != certificate.public_key():
         raise ConfigurationError(
@@ -149,22 +145,19 @@ class CertificateRow:
 
 
 def certificate_rows(folder: Path, now: datetime) -> list[CertificateRow]:
-    """What lies in the folder of an authority, or of one host.
-
-    Raises:
-        ConfigurationError: no folder of certificates.
-    """
-    paths = sorted(each for depth in ("", "*/", "*/*/") for each in folder.glob(f"{depth}*.crt"))
+    """Rows of the certificates in a folder of an authority, or of one host. ConfigurationError: none."""
+    paths = sorted(path for depth in ("", "*/", "*/*/") for path in folder.glob(f"{depth}*.crt"))
     named = [(path, _party(read_certificate(path))) for path in paths if path.name != AUTHORITY]
-    found = [(path, party) for path, party in named if party is not None]
-    if not found:
+    ends = [(path, party) for path, party in named if party is not None]
+    if not ends:
         raise ConfigurationError(f"{folder}: no certificates; expected a folder of forefeel pki init")
-    own = folder / AUTHORITY
-    rows = [_row(folder, own, None, now)] if own.exists() else []
-    return rows + [_row(folder, path, party, now) for path, party in found]
+    authority = folder / AUTHORITY
+    rows = [_row(folder, authority, None, now)] if authority.exists() else []
+    return rows + [_row(folder, path, party, now) for path, party in ends]
 
 
 def _row(folder: Path, path: Path, party: Party | None, now: datetime) -> CertificateRow:
+    """Row of a certificate: green, amber when it ends soon, red when it is not accepted."""
     certificate, advice = read_certificate(path), ""
     left = certificate.not_valid_after_utc - now
     colour: Literal["green", "amber", "red"] = "green" if left >= RENEWED_WITHIN else "amber"
@@ -181,7 +174,7 @@ def _row(folder: Path, path: Path, party: Party | None, now: datetime) -> Certif
 
 
 def router_file(cells: Sequence[str]) -> str:
-    """zenohd's configuration for a router of those cells: TLS, and who may say and hear what."""
+    """zenohd's configuration for a router of those cells: TLS, and the access rules of the topic table."""
     files = PartyFiles(ON_THE_HOST / AUTHORITY, ON_THE_HOST / "router.crt", ON_THE_HOST / "router.key")
     listen = {"mode": "router", "listen/endpoints": ["tls/0.0.0.0:7447"]}
     tree: dict[str, Any] = {}
@@ -200,15 +193,17 @@ def _place(party: Party) -> str:
 
 
 def _party(certificate: x509.Certificate) -> Party | None:
+    """The party that a certificate names; None: no party of ours."""
     names = certificate.subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)
     name = str(names[0].value) if names else ""
     if name == Party("router", ()).name:
         return Party("router", ())
-    found = _NAME.fullmatch(name)
-    return found and Party(next(role for role in ROLES if role == found["role"]), (found["cell"],))
+    match = _NAME.fullmatch(name)
+    return match and Party(next(role for role in ROLES if role == match["role"]), (match["cell"],))
 
 
 def _checked_cells(cells: Sequence[str]) -> tuple[str, ...]:
+    """Returns the cells; ConfigurationError: none, one twice, or a name that can not be used."""
     for cell in cells:
         if not _CELL.fullmatch(cell) or cell == "router":
             raise ConfigurationError(
@@ -222,7 +217,9 @@ def _checked_cells(cells: Sequence[str]) -> tuple[str, ...]:
 def _parsed_hosts(
     words: Sequence[str], parties: Sequence[Party], named: Sequence[str]
 ) -> Mapping[str, Sequence[str]]:
-    """Hosts by `_place`; a role alone means that of every cell in `named`, or of all where it is empty."""
+    """Parses `--hosts` to hosts by `_place`; a role alone means that of every cell in `named`, or of all
+    where it is empty. ConfigurationError: no `=`, or nobody of `parties`.
+    """
     of_named = [party for party in parties if not named or not set(named).isdisjoint(party.cells)]
     hosts: dict[str, list[str]] = {}
     for text in words:
@@ -236,13 +233,14 @@ def _parsed_hosts(
         if not meant:
             known = ", ".join(_place(party) for party in parties)
             raise ConfigurationError(f"--hosts {text!r}: {who!r} is nobody here; expected one of {known}")
-        names = [_host(each.strip(), text) for each in listed.split(",")]
+        names = [_host(name.strip(), text) for name in listed.split(",")]
         for word in meant:
             hosts.setdefault(word, []).extend(names)
     return hosts
 
 
 def _host(name: str, where: str) -> str:
+    """A host name, or an address without brackets; ConfigurationError: neither."""
     bare = name.strip("[]")
     try:
         return str(ipaddress.ip_address(bare))

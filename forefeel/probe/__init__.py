@@ -1,1 +1,1 @@
-"""What can be connected, what is connected, and whether it answers."""
+"""Devices that can be connected, that are connected, and that answer."""

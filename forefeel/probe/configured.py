@@ -50,13 +50,13 @@ def import_drivers(settings: DaemonSettings) -> None:
 
 
 def device_of(config: Path, axis: str, slot: Slot) -> ConfiguredDevice:
-    """The device in that slot of an axis of a slave's YAML file.
+    """Finds the device in that slot of an axis of a slave's YAML file.
 
     Raises:
         ConfigurationError: no such axis, or no hardware in that slot.
     """
-    devices = [each for each in configured(load_daemon(config, "slave")) if each.driver.slot == slot]
-    real = {each.axis: each for each in devices if each.settings.hardware}
+    devices = [device for device in configured(load_daemon(config, "slave")) if device.driver.slot == slot]
+    real = {device.axis: device for device in devices if device.settings.hardware}
     if axis not in real:
         raise ConfigurationError(
             f"--axis {axis}: {config}: no {slot} with hardware; expected one of {', '.join(real) or 'none'}"

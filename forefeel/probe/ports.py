@@ -49,36 +49,37 @@ class CanInterface:
 
 
 def serial_ports(by_id: Path = _BY_ID) -> list[SerialPort]:
+    """Every serial port of this host, by its device file, with its stable name where it has one."""
     links = sorted(by_id.iterdir(), reverse=True) if by_id.is_dir() else []
     names = {os.path.realpath(link): str(link) for link in links}  # the first of each device
-    found = []
-    for each in sorted(list_ports.comports(), key=lambda port: str(port.device)):
-        device = str(each.device)
-        words = each.description if each.description not in (None, "n/a") else ""
-        found.append(
+    ports = []
+    for port in sorted(list_ports.comports(), key=lambda port: str(port.device)):
+        device = str(port.device)
+        words = port.description if port.description not in (None, "n/a") else ""
+        ports.append(
             SerialPort(
                 device,
                 names.get(os.path.realpath(device)),
-                each.vid,
-                each.pid,
-                each.serial_number,
+                port.vid,
+                port.pid,
+                port.serial_number,
                 " ".join(str(words).split()),
                 latency_warning(device),
             )
         )
-    return found
+    return ports
 
 
 def can_interfaces(net: Path = _NET) -> list[CanInterface]:
     """Every SocketCAN interface. (python-can's own search also tries each adapter's library: seconds.)"""
-    found = []
+    interfaces = []
     for folder in sorted(net.iterdir()) if net.is_dir() else ():
         if _read(folder / "type") != _CAN:
             continue
         up = bool(int(_read(folder / "flags") or "0", 16) & _IFF_UP)
         advice = f"ip link set {folder.name} up type can bitrate 1000000 restart-ms 100"
-        found.append(CanInterface(folder.name, up, None if up else f"down; as root: {advice}"))
-    return found
+        interfaces.append(CanInterface(folder.name, up, None if up else f"down; as root: {advice}"))
+    return interfaces
 
 
 def _read(path: Path) -> str:
@@ -97,6 +98,7 @@ def run_devices() -> None:
 
 
 def _in_words(serial: list[SerialPort], can: list[CanInterface]) -> Iterator[RenderableType]:
+    """The page for the terminal: drivers, ports with advice, CAN interfaces."""
     yield _drivers()
     yield _ports(serial) if serial else "No serial port."
     for port in serial:
@@ -109,16 +111,17 @@ def _in_words(serial: list[SerialPort], can: list[CanInterface]) -> Iterator[Ren
 
 
 def _document(serial: list[SerialPort], can: list[CanInterface]) -> dict[str, object]:
+    """The document for `--json`: drivers, serial ports, CAN interfaces."""
     drivers = [
         {
-            "slot": each.slot,
-            "driver": each.name,
-            "hardware": each.driver.settings.hardware,
-            "what": each.driver.what,
-            "distribution": each.distribution,
-            "version": each.version,
+            "slot": driver.slot,
+            "driver": driver.name,
+            "hardware": driver.driver.settings.hardware,
+            "what": driver.driver.what,
+            "distribution": driver.distribution,
+            "version": driver.version,
         }
-        for each in every_driver()
+        for driver in every_driver()
     ]
     return {
         "schema": "forefeel.devices/1",
@@ -130,8 +133,8 @@ def _document(serial: list[SerialPort], can: list[CanInterface]) -> dict[str, ob
 
 def _drivers() -> Table:
     made = table("slot", "driver", "what it is", "from", title="Drivers")
-    for each in every_driver():
-        made.add_row(each.slot, each.name, each.driver.what, f"{each.distribution} {each.version}")
+    for driver in every_driver():
+        made.add_row(driver.slot, driver.name, driver.driver.what, f"{driver.distribution} {driver.version}")
     return made
 
 

@@ -1,4 +1,4 @@
-"""`forefeel device probe`: talks to each device for a while and says what it is and how quickly it answers.
+"""`forefeel device probe`: talks to each device for a while; says its identity and how quickly it answers.
 
 Nothing is ever moved, rendered or re-armed: only `open`, `read` and `close` are called.
 """
@@ -21,8 +21,7 @@ from forefeel.probe.configured import ConfiguredDevice, configured
 from forefeel.terminal import answer, show
 
 _PERIOD_NS = 1_000_000  # ns between two reads: the 1 kHz of the loops
-_SWINGS = 20.0
-"""By so many times the usual change between two readings a force swings that somebody let go."""
+_SWINGS = 20.0  # by so many times the usual change between two readings a force swings that somebody let go
 _LEAST_READINGS = 20
 Verdict = Literal["ready", "simulated", "refused", "failed"]
 
@@ -35,7 +34,7 @@ class Quantiles:
 
 @dataclass(frozen=True, slots=True)
 class Probed:
-    """What was found. `rate_hz`: readings or exchanges a second; `round_trip`: from question to answer;
+    """Result of a probe. `rate_hz`: readings or exchanges a second; `round_trip`: from question to answer;
     `age`: of a reading when the 1 kHz loop gets it; `filter_lag_s`: see `filter_lag_s`. None: the device does
     not let one measure it. `warning`: of a slow latency timer.
     """
@@ -61,29 +60,29 @@ class Probed:
 
 def probe(device: ConfiguredDevice, seconds: float, clock: SleepingClock) -> Probed:
     """Opens a device, reads it at 1 kHz for that time and closes it; never raises for a device's fault."""
-    found = Probed(device.axis, device.driver.slot, device.driver.name, device.where, "simulated")
+    result = Probed(device.axis, device.driver.slot, device.driver.name, device.where, "simulated")
     if not device.settings.hardware:
-        return found
+        return result
     driver = None
     try:
         driver = device.driver.make(device.settings, clock)
         try:
             driver.open()
-            measured = _read(driver, found.slot == "load_cell", round(seconds * 1e9), clock)
+            measured = _measure(driver, result.slot == "load_cell", round(seconds * 1e9), clock)
         finally:
             state = "inhibited" if driver.link.inhibited else driver.link.state.name.lower()
             driver.close()
     except ForefeelError as error:
         verdict: Verdict = "refused" if isinstance(error, InputError) else "failed"
-        found = replace(found, verdict=verdict, error=str(error))
+        result = replace(result, verdict=verdict, error=str(error))
     else:
-        found = replace(found, verdict="ready", **measured)
+        result = replace(result, verdict="ready", **measured)
     if driver is None:
-        return found
+        return result
     port = device.serial_port
     counters = {name: count for name, count in sorted(driver.link.counters.items()) if count}
     return replace(
-        found,
+        result,
         warning=None if port is None else latency_warning(port),
         identity=driver.link.identity,
         serial=driver.link.serial,
@@ -93,8 +92,8 @@ def probe(device: ConfiguredDevice, seconds: float, clock: SleepingClock) -> Pro
     )
 
 
-def _read(driver: Any, is_load_cell: bool, span_ns: int, clock: SleepingClock) -> dict[str, Any]:  # noqa: ANN401
-    """What was measured, as `Probed` has it; raises what the driver does, or DeviceError: no reading."""
+def _measure(driver: Any, is_load_cell: bool, span_ns: int, clock: SleepingClock) -> dict[str, Any]:  # noqa: ANN401
+    """Reads at 1 kHz for that time; fields of `Probed`. Raises as the driver; DeviceError: no reading."""
     link: DeviceLink = driver.link  # a driver may begin a new one when it is opened
     link.round_trips_ns.drain()
     if is_load_cell:
@@ -155,56 +154,54 @@ _STYLES = {"ready": "green", "simulated": "dim", "refused": "red", "failed": "re
 
 
 def run_probe(config: Path, seconds: float) -> None:
-    """Probes one device after the other and shows each as it was found.
+    """Probes one device after the other and prints each result.
 
     Raises:
         InputError: the file, or a device that is not the one that it names.
         RunError: a device failed while it was probed, or the user ended it.
     """
     devices = configured(load_daemon(config))
-    found: list[Probed] = []
+    results: list[Probed] = []
     with breakable("probe interrupted; what was found is above"):
         for device in devices:
-            found.append(probe(device, seconds, MonotonicClock()))
-            show(_in_words(found[-1]))
-    answer(
-        document=lambda: {"schema": "forefeel.device_probe/1", "devices": [asdict(each) for each in found]}
-    )
-    _raise_worst(found)
+            results.append(probe(device, seconds, MonotonicClock()))
+            show(_in_words(results[-1]))
+    answer(document=lambda: {"schema": "forefeel.device_probe/1", "devices": [asdict(p) for p in results]})
+    _raise_worst(results)
 
 
-def _in_words(found: Probed) -> Text:
-    head = f"{found.axis} {found.slot}: {found.driver}{f' on {found.where}' if found.where else ''}: "
-    return Text(head).append(found.verdict, _STYLES[found.verdict]).append("; ".join(_facts(found)))
+def _in_words(probed: Probed) -> Text:
+    head = f"{probed.axis} {probed.slot}: {probed.driver}{f' on {probed.where}' if probed.where else ''}: "
+    return Text(head).append(probed.verdict, _STYLES[probed.verdict]).append("; ".join(_facts(probed)))
 
 
-def _facts(found: Probed) -> Iterator[str]:
-    """What follows the verdict; the reason of a refusal is said at the end, on stderr."""
-    if found.verdict == "simulated":
+def _facts(probed: Probed) -> Iterator[str]:
+    """Yields the facts after the verdict; the reason of a refusal comes at the end, on stderr."""
+    if probed.verdict == "simulated":
         return
     yield ""
-    if found.identity:
-        yield found.identity
-    if found.verdict == "ready":
-        expected = "" if found.expected_hz is None else f" of {found.expected_hz:g}"
-        yield "rate not told" if found.rate_hz is None else f"{found.rate_hz:.4g}{expected} Hz"
-        for what, times in (("round trip", found.round_trip), ("age", found.age)):
+    if probed.identity:
+        yield probed.identity
+    if probed.verdict == "ready":
+        expected = "" if probed.expected_hz is None else f" of {probed.expected_hz:g}"
+        yield "rate not told" if probed.rate_hz is None else f"{probed.rate_hz:.4g}{expected} Hz"
+        for what, times in (("round trip", probed.round_trip), ("age", probed.age)):
             if times is not None:
                 yield f"{what} p50 {times.p50_ms:.3g} ms, p99 {times.p99_ms:.3g} ms"
-        if found.filter_lag_s is not None:
-            yield f"filter lag {found.filter_lag_s * 1e3:.2g} ms"
-        if found.invalid:
-            yield f"{found.invalid} readings not valid"
-        if found.warning:
-            yield found.warning
-    yield f"link {found.link}"
-    yield ", ".join(f"{count} {name}" for name, count in found.counters.items()) or "nothing counted"
+        if probed.filter_lag_s is not None:
+            yield f"filter lag {probed.filter_lag_s * 1e3:.2g} ms"
+        if probed.invalid:
+            yield f"{probed.invalid} readings not valid"
+        if probed.warning:
+            yield probed.warning
+    yield f"link {probed.link}"
+    yield ", ".join(f"{count} {name}" for name, count in probed.counters.items()) or "nothing counted"
 
 
-def _raise_worst(found: list[Probed]) -> None:
-    """Exit 2 for what the configuration has wrong, before 1 for what failed; the first is said in full."""
+def _raise_worst(results: list[Probed]) -> None:
+    """Raises InputError with every refusal (exit 2: the configuration), else RunError with every failure."""
     for verdict, kind in (("refused", InputError), ("failed", RunError)):
-        bad = [each for each in found if each.verdict == verdict]
+        bad = [result for result in results if result.verdict == verdict]
         if bad:
-            more = "".join(f"; {each.axis} {each.slot}: {each.error}" for each in bad[1:])
+            more = "".join(f"; {result.axis} {result.slot}: {result.error}" for result in bad[1:])
             raise kind(f"{bad[0].axis} {bad[0].slot}: {bad[0].error}{more}")

@@ -10,12 +10,10 @@ from forefeel.common.estimation.state_filter import StateFilter
 from forefeel.common.recording.recording import Array, Recording
 from forefeel.devices.simulated.settings import OperatorSettings
 
-SMOOTHING_HZ = 40.0
-"""Cutoff of the low-pass that a recorded motion passes: it makes the acceleration that no encoder has."""
+SMOOTHING_HZ = 40.0  # cutoff of the low-pass of a recorded motion: gives the acceleration that no encoder has
 
 _FREQUENCIES_HZ = 0.23, 0.61, 1.37, 2.9  # of the multi-sine; chosen: none is a multiple of another
-Course = tuple[Array, Array, Array]
-"""Position m, velocity m/s and acceleration m/s^2, each shape (n,)."""
+Course = tuple[Array, Array, Array]  # position m, velocity m/s and acceleration m/s^2, each shape (n,)
 
 
 class MotionSource(Protocol):
@@ -44,6 +42,7 @@ class Sines:
         self._sines = list(zip(frequencies_hz, phases, strict=True))
 
     def at(self, t: Array) -> Course:
+        """Position m, velocity m/s and acceleration m/s^2 at the times t in s."""
         x, v, a = np.full_like(t, self._centre_m), np.zeros_like(t), np.zeros_like(t)
         for frequency_hz, phase in self._sines:
             w = 2.0 * pi * frequency_hz
@@ -53,12 +52,12 @@ class Sines:
 
 
 def sine(start_m: float, depth_m: float, frequency_hz: float) -> Sines:
-    """From the start to the full depth and back."""
+    """A sine from the start to the full depth and back."""
     return Sines(start_m, depth_m, (frequency_hz,), (-0.5 * pi,))
 
 
 def multisine(start_m: float, depth_m: float, random: np.random.Generator) -> Sines:
-    """With phases of the seed."""
+    """Sines with phases of the seed."""
     phases = random.uniform(0.0, 2.0 * pi, len(_FREQUENCIES_HZ)).tolist()
     return Sines(start_m, depth_m, _FREQUENCIES_HZ, phases)
 
@@ -93,6 +92,7 @@ class Hand:
         ]
 
     def at(self, t: Array) -> Course:
+        """Position m, velocity m/s and acceleration m/s^2 at the times t in s."""
         stroke = np.searchsorted(self._begins, t, side="right") - 1
         length, duration = self._tos[stroke] - self._froms[stroke], self._moves[stroke]
         s = np.clip((t - self._begins[stroke]) / duration, 0.0, 1.0)
@@ -118,9 +118,9 @@ class FollowedRecording:
 
     def at(self, t: Array) -> Course:
         """The recorded position, straight between its samples, through the low-pass."""
-        seen = np.interp(t, self._time_s, self._position_m)
+        recorded_m = np.interp(t, self._time_s, self._position_m)
         steps = np.diff(t, prepend=self._before_s)
         self._before_s = float(t[-1])
         step = self._filter.step
-        course = np.array([step(x, dt) for x, dt in zip(seen.tolist(), steps.tolist(), strict=True)])
+        course = np.array([step(x, dt) for x, dt in zip(recorded_m.tolist(), steps.tolist(), strict=True)])
         return course[:, 0], course[:, 1], course[:, 2]

@@ -23,11 +23,7 @@ SUFFIXES = (".csv", ".parquet")
 
 
 def write_table(out: Path, columns: dict[str, Array]) -> None:
-    """Beside the file, then in its place.
-
-    Raises:
-        RunError: it can not be written.
-    """
+    """Writes the columns as Parquet or CSV, beside the file, then in its place. RunError: it can not."""
     with whole(out, "the recording") as part:
         if out.suffix.lower() == ".parquet":
             _parquet(part, columns)
@@ -51,8 +47,8 @@ _MOST_SAMPLES = 40_000_000
 
 @dataclass(frozen=True, slots=True)
 class SimulationOptions:
-    """What to simulate. `motion`: one of `MOTIONS`, or the path of a recording whose position is followed, by
-    its `columns` of time and position, each as `unit:column`.
+    """Options of a simulation. `motion`: one of `MOTIONS`, or the path of a recording whose position is
+    followed, by its `columns` of time and position, each as `unit:column`.
 
     `duration_s` and `rate_hz`: None for those of the recorded motion, else 30 s and 1 kHz. `noise_n`: white,
     its standard deviation. `encoder_step_m`: 0: none.
@@ -72,7 +68,7 @@ class SimulationOptions:
 
 
 def run_simulation(options: SimulationOptions, out: Path, overwrite: bool) -> None:
-    """Checks, integrates, writes, and says what was made.
+    """Simulates a recording, writes it, and prints a summary.
 
     Raises:
         InputError: the options can not be fulfilled; nothing was written.
@@ -96,7 +92,7 @@ def run_simulation(options: SimulationOptions, out: Path, overwrite: bool) -> No
 def simulate(
     model: ContactModel, options: SimulationOptions, shown: Callable[[float], None] = lambda _share: None
 ) -> dict[str, Array]:
-    """The columns time_s, position_m, force_n of a recording, each shape (n,). `shown` gets the share done.
+    """Simulates the columns time_s, position_m, force_n, each shape (n,). `shown` gets the share done.
 
     Raises:
         InputError: the recorded motion can not be used, or the force is not finite.
@@ -129,6 +125,7 @@ def _pieces(options: SimulationOptions, random: np.random.Generator) -> list[Mot
 
 
 def _followed(path: Path, options: SimulationOptions) -> list[MotionPiece]:
+    """Loads the recording; its pieces without gaps, at its own stamps or at `rate_hz`, to `duration_s`."""
     if not path.exists():
         expected = ", ".join(MOTIONS)
         raise ConfigurationError(f"--motion {path}: expected {expected}, or the file of a recording")
@@ -136,10 +133,10 @@ def _followed(path: Path, options: SimulationOptions) -> list[MotionPiece]:
     end_s = float(recording.time_s[0]) + (_LONGEST_S if options.duration_s is None else options.duration_s)
     pieces = []
     for part in recording.segments():
-        own = recording.time_s[part]
+        times_s = recording.time_s[part]
         if options.rate_hz is not None:
-            own = _grid(float(own[0]), float(own[-1]), options.rate_hz)
-        stamps_s = own[own <= end_s]
+            times_s = _grid(float(times_s[0]), float(times_s[-1]), options.rate_hz)
+        stamps_s = times_s[times_s <= end_s]
         if len(stamps_s):
             pieces.append(MotionPiece(FollowedRecording(recording, part), stamps_s))
     return pieces

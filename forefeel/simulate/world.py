@@ -11,14 +11,13 @@ from forefeel.common.recording.recording import Array
 from forefeel.simulate.motion import MotionPiece
 
 PHYSICS_HZ = 10_000  # least rate of the integration
-_CHUNK = 1000
-"""Stamps per stretch of integration: bounds the memory and paces the progress."""
+_CHUNK = 1000  # stamps per stretch of integration: bounds the memory and paces the progress
 
 
 def integrate(
     model: ContactModel, pieces: Sequence[MotionPiece], progress: Callable[[float], None]
 ) -> tuple[Array, Array]:
-    """(position m of the stage, force N) at the stamps of all pieces, each shape (n,).
+    """Moves the model along the pieces; (position m, force N) at all their stamps, each shape (n,).
 
     From rest at the first stamp, from which the model's time counts; each piece is a new contact. Between two
     stamps lie equal steps of at most 0.1 ms. `progress` is told the time reached.

@@ -117,7 +117,7 @@ def test_damage_is_told_to_every_driver_of_a_bus(monkeypatch: pytest.MonkeyPatch
     port.says = b"t12\r" + GOOD + b"\r"
     assert shared.receive(0.0)
     for link in links * 2:
-        shared.tell(link)
+        shared.update_counters(link)
         assert link.counters == {"bus_damaged": 1}
     port.gone = True
     assert not shared.receive(0.0)

@@ -200,7 +200,7 @@ class Waiting:
         process = SimpleNamespace(
             say=self.said.append,
             runtime=None,
-            answer_watch=lambda _, unheard: AnswerWatch(self.find, unheard, self.said.append, host),
+            answer_watch=lambda _, silence: AnswerWatch(self.find, silence, self.said.append, host),
         )
         axis: Any = SimpleNamespace(name="insertion", session=self.session)
         self.watch = SessionWatch(

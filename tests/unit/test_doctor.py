@@ -13,7 +13,7 @@ from forefeel.common.transport.security import Party, PartyFiles
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.doctor import examine as doctor
 from forefeel.doctor.examine import LEVELS, Finding, Level
-from forefeel.doctor.host import ClockState, Disk, Heard, HostProbe, LoopCheck
+from forefeel.doctor.host import CellStates, ClockState, Disk, HostProbe, LoopCheck
 from forefeel.master.settings import MasterSettings
 from forefeel.probe.configured import ConfiguredDevice
 from forefeel.probe.probe import Probed
@@ -30,7 +30,7 @@ READY = Probed("insertion", "stage", "zaber_ascii", "/dev/x", "ready", rate_hz=8
 
 LOOP = LoopCheck("SCHED_FIFO 50", "memory locked", 2000, 0, 20.0, 90.0, 300.0)
 REACHED = Reached("tls/a:1", connect_s=1e-3, handshake_s=4e-3)
-HEARD = Heard([ClockState("slave", "insertion", True, 5 * MS, MS // 2)])
+HEARD = CellStates([ClockState("slave", "insertion", True, 5 * MS, MS // 2)])
 DISK = Disk(True, 0o700, 5e10)
 
 
@@ -41,7 +41,7 @@ class FakeHost(HostProbe):
     at: datetime = NOW
     loop_found: LoopCheck = LOOP
     reached: Reached = REACHED
-    heard: Heard = HEARD
+    heard: CellStates = HEARD
     probed: Probed = READY
     disk_found: Disk = DISK
     process: int | None = None
@@ -61,7 +61,7 @@ class FakeHost(HostProbe):
 
     def states(
         self, transport: TransportSettings, party: Party | None, cell: str, axes: Sequence[str]
-    ) -> Heard:
+    ) -> CellStates:
         self.asked.append(transport)
         return self.heard
 
@@ -94,7 +94,7 @@ def network(mode: str = "peer", **changed: object) -> Iterator[Finding]:
 
 
 def clock(offset_ns: int | None, bound_ns: int | None, session: bool = True) -> Iterator[Finding]:
-    return doctor.check_clocks(Heard([ClockState("slave", "x", session, offset_ns, bound_ns)]))
+    return doctor.check_clocks(CellStates([ClockState("slave", "x", session, offset_ns, bound_ns)]))
 
 
 def devices(section: dict[str, Any], **changed: object) -> Iterator[Finding]:
@@ -118,8 +118,8 @@ TABLE: list[tuple[str, Level, Callable[[], Iterator[Finding]]]] = [
     ("reached", "green", network),
     ("not tried", "amber", lambda: network(reached=Reached(""))),
     ("not reached", "red", lambda: network(reached=NO_ANSWER)),
-    ("router for a peer", "red", lambda: network(heard=Heard(hint="a router answers there"))),
-    ("nobody heard", "amber", lambda: network(heard=Heard(error="no router answers"))),
+    ("router for a peer", "red", lambda: network(heard=CellStates(hint="a router answers there"))),
+    ("nobody heard", "amber", lambda: network(heard=CellStates(error="no router answers"))),
     ("no endpoint", "red", lambda: doctor.check_network(SlaveSettings(), FakeHost())),
     ("clock good", "green", lambda: clock(5 * MS, 999_999)),
     ("clock acceptable", "green", lambda: clock(5 * MS, 10 * MS)),

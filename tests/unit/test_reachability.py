@@ -10,7 +10,7 @@ import pytest
 from forefeel.common.clock import VirtualClock
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
-from forefeel.reachability import AnswerWatch, Obstacle, Reached, cell_watch, reach, unheard
+from forefeel.reachability import AnswerWatch, Obstacle, Reached, cell_watch, reach, silence_cause
 from tests.stepped import SteppedHost
 from tests.unit.failing import refusing
 
@@ -49,7 +49,7 @@ def test_probe_of_other_protocol_is_not_tried(endpoint: str) -> None:
     ],
 )
 def test_unheard_end_is_described(transport: dict[str, object], connected: bool, words: str) -> None:
-    assert words in unheard(TransportSettings.model_validate(transport), connected, "no slave")
+    assert words in silence_cause(TransportSettings.model_validate(transport), connected, "no slave")
 
 
 def test_observer_at_a_router_is_told_the_mode() -> None:
@@ -83,7 +83,7 @@ def test_cause_is_reported_every_five_seconds() -> None:
         host.watch.look(round(tenth * S / 10))
     assert [each.rpartition(" (")[2] for each in host.reported] == ["5.1 s)", "10 s)", "15 s)"]
     assert len(host.probes) == 3
-    assert host.watch.found == host.reported[-1]
+    assert host.watch.last_cause == host.reported[-1]
 
 
 def test_one_probe_runs_at_a_time() -> None:
@@ -102,7 +102,7 @@ def test_known_cause_needs_no_probe() -> None:
     for at_s in range(8):
         host.watch.look(at_s * S, "the slave refuses")
     assert host.reported == ["the slave refuses (5.0 s)"]
-    assert (host.probes, host.watch.found) == ([], "")
+    assert (host.probes, host.watch.last_cause) == ([], "")
 
 
 def test_probe_that_ends_after_the_answer_is_not_reported() -> None:
@@ -114,4 +114,4 @@ def test_probe_that_ends_after_the_answer_is_not_reported() -> None:
     host.probes[0].set_result([REFUSED])
     for at_s in (20, 21):
         host.watch.look(at_s * S)
-    assert (host.reported, host.watch.found) == ([], "")
+    assert (host.reported, host.watch.last_cause) == ([], "")

@@ -27,6 +27,7 @@ class AsciiLineLoadCell(SerialLoadCell[AsciiLineSettings]):
         return AsciiCell(self._settings, self.link.counters)
 
     def _scale(self, calibration: LoadCellCalibration | None) -> ForceScale:
+        """Scale by unit and calibration; DeviceSetupError: counts without a calibration."""
         s = self._settings
         if s.unit == "counts" and calibration is None and not self._native:
             raise DeviceSetupError(
@@ -68,7 +69,7 @@ class AsciiCell(Cell):
     @property
     def measured_hz(self) -> float | None:
         """The rate by the host's clock, over half a second, but at least eight readings. None while there are
-        not so many, and when they were all heard at once, for the host was busy.
+        not so many, and when they all came at once, for the host was busy.
         """
         if len(self._arrived) < (self._arrived.maxlen or 0):
             return None
@@ -78,6 +79,7 @@ class AsciiCell(Cell):
     # --- asking ---
 
     def due(self, now_ns: int) -> bytes:
+        """Returns a carriage return first, then the request once a period, after two without an answer."""
         if not self._request:
             return b""
         if self._quiet_ns is None:
@@ -100,8 +102,9 @@ class AsciiCell(Cell):
     # --- hearing ---
 
     def take(self, data: bytes, now_ns: int) -> list[Native]:
+        """Measurements of the complete lines; before the first request a stream is dropped."""
         if self._request and self._asked_ns is None:
-            return []  # what it still says before it is asked
+            return []  # a stream that has not ended yet
         lines = self._parser.feed(data)
         if lines:
             self._outstanding = False
@@ -111,7 +114,7 @@ class AsciiCell(Cell):
         ]
 
     def _native(self, line: AsciiReading, arrived_ns: int, now_ns: int) -> Native:
-        """The line began to arrive before it was complete; lines that came at once are a period apart."""
+        """Stamps a line when it began to arrive; lines that came at once are a period apart."""
         self._arrived.append(now_ns)
         stamp_ns = arrived_ns - round(line.size * self._byte_ns)
         if self._stamp_ns is not None:

@@ -25,6 +25,7 @@ class EmulatedLineCell:
         self._force_n = 0.0
 
     def receive(self, data: bytes, t_s: float) -> None:
+        """Obeys the commands that a carriage return ends."""
         self._live(t_s)
         for byte in data:
             if byte == 0x0D:
@@ -48,6 +49,7 @@ class EmulatedLineCell:
                 self._out += self._line()
 
     def _obey(self, command: str) -> None:
+        """Answers the request with a line, an empty command with `A`; nothing where the cell streams."""
         if self._request is None:
             return
         if not command:
@@ -56,6 +58,7 @@ class EmulatedLineCell:
             self._out += self._line()
 
     def _line(self) -> bytes:
+        """The newest force as a line; an end of the range for saturated counts."""
         if self._unit != "counts":
             return encode_line(self._force_n / NEWTON_PER_UNIT[self._unit], self._unit)
         low, high = COUNTS_RANGE

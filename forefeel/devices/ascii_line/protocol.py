@@ -13,10 +13,8 @@ from typing import Literal, NamedTuple
 
 Unit = Literal["newton", "millipound_force", "counts"]
 
-NEWTON_PER_UNIT = {"newton": 1.0, "millipound_force": 4.4482216152605e-3}
-"""Counts have none: they need a calibration."""
-COUNTS_RANGE = -(1 << 23), (1 << 23) - 1
-"""Where the 24 bit of an HX711 end: at either end it is overrange."""
+NEWTON_PER_UNIT = {"newton": 1.0, "millipound_force": 4.4482216152605e-3}  # counts need a calibration
+COUNTS_RANGE = -(1 << 23), (1 << 23) - 1  # where the 24 bit of an HX711 end: at either end it is overrange
 
 # bytes of a line that may be a number: label, number and unit take at most 57 (`_LINE`), blanks not counted
 _MAX_LINE_BYTES = 64
@@ -57,7 +55,7 @@ class LineParser:
         """The numbers of the lines that are complete now, oldest first; never raises."""
         self._buffer += data
         *lines, rest = _ENDS.split(self._buffer)
-        found = [
+        readings = [
             AsciiReading(number, len(line) + 2)
             for line in lines
             if (number := self._number(bytes(line))) is not None
@@ -66,9 +64,10 @@ class LineParser:
             self.counters["junk_bytes"] += len(rest)
             self._skipping, rest = True, bytearray()
         self._buffer = bytearray(rest)
-        return found
+        return readings
 
     def _number(self, line: bytes) -> float | None:
+        """Parses a line and counts it; None for one that is cut, too long, or no number."""
         skipping, self._skipping = self._skipping, False
         if not line and not skipping:
             return None

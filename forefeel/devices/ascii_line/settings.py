@@ -1,4 +1,4 @@
-"""What the YAML file says of a load cell that prints numbers."""
+"""YAML settings of a load cell that prints numbers."""
 
 from typing import Annotated, Literal, Self
 
@@ -27,6 +27,7 @@ class AsciiLineSettings(SerialCellSettings):
 
     @model_validator(mode="after")
     def _scale_is_known_once(self) -> Self:
+        """Raises ValueError unless counts have a `full_scale_native`, and other units have none."""
         if (self.unit == "counts") is (self.full_scale_native is None):
             expected = "the counts at full_scale_n" if self.unit == "counts" else "none, for the unit tells"
             raise ValueError(
@@ -36,7 +37,7 @@ class AsciiLineSettings(SerialCellSettings):
 
     @property
     def scale(self) -> CellScale:
-        """By the unit; of counts by `full_scale_native`."""
+        """The scale by the unit; of counts by `full_scale_native`."""
         newton_per_native = NEWTON_PER_UNIT.get(self.unit)
         if newton_per_native is None:
             assert self.full_scale_native is not None, "_scale_is_known_once refuses it"

@@ -53,6 +53,7 @@ class BotaCell(Cell):
         return 1e6 / step_us if step_us else inf
 
     def take(self, data: bytes, now_ns: int) -> list[Native]:
+        """Measurements of the complete frames, stamped by the cell's clock; DeviceError: it was reset."""
         frames = self._parser.feed(data)
         if not frames:
             return []

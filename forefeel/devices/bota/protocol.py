@@ -27,7 +27,8 @@ FRAME_BYTES = 1 + _BODY.size + _CRC.size
 _FLAGS = sum(STATUS_BITS)
 
 
-def _table() -> tuple[int, ...]:
+def _crc_table() -> tuple[int, ...]:
+    """CRC of each byte."""
     rows = []
     for byte in range(256):
         value = byte
@@ -37,7 +38,7 @@ def _table() -> tuple[int, ...]:
     return tuple(rows)
 
 
-_X25 = _table()
+_X25 = _crc_table()
 
 
 def crc_x25(data: bytes) -> int:
@@ -72,7 +73,7 @@ class BotaFrame(NamedTuple):
 
     @property
     def valid(self) -> bool:
-        """Whether it is a measurement: no status bit, every number finite."""
+        """No status bit is set, and every number is finite."""
         return not self.status & _FLAGS and self.finite
 
 
@@ -99,7 +100,7 @@ class BotaParser:
         """The frames that are complete now, oldest first; never raises."""
         buffer, at = self._buffer, 0
         buffer += data
-        found: list[BotaFrame] = []
+        frames: list[BotaFrame] = []
         while True:
             header = buffer.find(HEADER, at)
             start = header if header >= 0 else len(buffer)
@@ -113,17 +114,17 @@ class BotaParser:
                 self._drop(1)
                 at += 1
             else:
-                found.append(self._found(frame))
+                frames.append(self._count(frame))
                 at += FRAME_BYTES
         del buffer[:at]
-        return found
+        return frames
 
     def _drop(self, count: int) -> None:
         if count:
             self.counters["junk_bytes"] += count
             self._lost = True
 
-    def _found(self, frame: BotaFrame) -> BotaFrame:
+    def _count(self, frame: BotaFrame) -> BotaFrame:
         self.counters["frames"] += 1
         self.counters["resynchronised"] += self._lost
         self._lost = False

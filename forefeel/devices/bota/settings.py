@@ -1,4 +1,4 @@
-"""What the YAML file says of a Bota six-axis cell."""
+"""YAML settings of a Bota six-axis cell."""
 
 from typing import Annotated, Literal
 

@@ -14,11 +14,7 @@ for _name in ("can", "canopen"):  # what they log reaches the user as an error o
 
 
 def open_bus(settings: CanSettings) -> can.BusABC:
-    """The bus that the settings name.
-
-    Raises:
-        DeviceSetupError: it can not be opened; one line.
-    """
+    """Opens the bus that the settings name. DeviceSetupError: it can not be opened; one line."""
     where = f"{settings.interface} {settings.channel}"
     try:
         if settings.interface == "slcan":

@@ -1,4 +1,4 @@
-"""What every CANopen device has (CiA 301): objects, identifiers, PDO parameters, emergencies. Pure."""
+"""Objects, identifiers, PDO parameters and emergencies of every CANopen device (CiA 301). Pure."""
 
 import struct
 from collections.abc import Sequence
@@ -61,7 +61,7 @@ def profile(device_type: int) -> int:
 
 
 def heartbeat_consumer(node: int, timeout_s: float) -> int:
-    """The value of 1016: whom the device listens to, and for how long it may be silent."""
+    """The value of 1016: the node that the device listens to, and for how long it may be silent."""
     return node << 16 | round(timeout_s * 1e3)
 
 
@@ -95,7 +95,7 @@ class Pdo(NamedTuple):
         return b"".join(entry.pack(value) for entry, value in zip(self.entries, values, strict=True))
 
     def unpack(self, data: bytes | bytearray) -> tuple[float, ...] | None:
-        """The values in it; None unless it has the length that was agreed."""
+        """Decodes the values of a frame; None for another length than that of the mapping."""
         if len(data) != self.size:
             return None
         values, start = [], 0

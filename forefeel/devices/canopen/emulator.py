@@ -29,7 +29,7 @@ Contents = Mapping[ObjectEntry, float]
 
 
 def object_dictionary(contents: Contents) -> canopen.ObjectDictionary:
-    """Objects with their values at the start; canopen's clients can be given it, too."""
+    """Builds canopen's dictionary of entries and start values; its clients can be given it, too."""
     dictionary = canopen.ObjectDictionary()
     for entry, value in contents.items():
         variable = canopen.objectdictionary.ODVariable(f"x{entry}", entry.index, entry.sub)
@@ -47,8 +47,8 @@ def object_dictionary(contents: Contents) -> canopen.ObjectDictionary:
 
 
 def common_contents(node: int, profile: int, serial: int) -> dict[ObjectEntry, float]:
-    """What every device has: identity, heartbeat, and four PDOs each way, off, of predefined identifiers."""
-    found: dict[ObjectEntry, float] = {
+    """Objects of every device: identity, heartbeat, four PDOs each way, off, of predefined identifiers."""
+    objects: dict[ObjectEntry, float] = {
         cia301.DEVICE_TYPE: 0x0002_0000 | profile,
         cia301.ERROR_REGISTER: 0,
         cia301.HEARTBEAT_PRODUCER_MS: 0,
@@ -62,10 +62,10 @@ def common_contents(node: int, profile: int, serial: int) -> dict[ObjectEntry, f
         for number in range(1, 5):
             communication, mapping = cia301.pdo_objects(transmit, number)
             off, can_id = cia301.pdo_off(transmit, number, node)
-            found |= {ObjectEntry(communication, 0, "B"): 2, off: can_id}
-            found |= {ObjectEntry(communication, 2, "B"): 255, ObjectEntry(mapping, 0, "B"): 0}
-            found |= {ObjectEntry(mapping, i, "I"): 0 for i in range(1, 5)}
-    return found
+            objects |= {ObjectEntry(communication, 0, "B"): 2, off: can_id}
+            objects |= {ObjectEntry(communication, 2, "B"): 255, ObjectEntry(mapping, 0, "B"): 0}
+            objects |= {ObjectEntry(mapping, i, "I"): 0 for i in range(1, 5)}
+    return objects
 
 
 class _Network(canopen.Network):
@@ -107,7 +107,7 @@ class CanopenDevice:
         self._network.add_node(self._node)
         self._network.subscribe(cia301.NMT, self._on_nmt)
         self._pdos: list[tuple[bool, int, int, tuple[tuple[int, int], ...]]] | None = None
-        self._received: dict[int, bytes] = {}
+        self._rpdos: dict[int, bytes] = {}
         self._syncs = 0
         self._boot()
 
@@ -117,7 +117,7 @@ class CanopenDevice:
         """An object was written, over SDO or by a PDO."""
 
     def shown(self, index: int, sub: int) -> float | None:
-        """The value of an object that lives; None: as it was written last."""
+        """Value of an object that changes by itself; None: as it was written last."""
         del index, sub
         return None
 
@@ -125,12 +125,12 @@ class CanopenDevice:
         """SYNC: after the PDOs that were received are applied, before others are sent."""
 
     def live(self, t_s: float) -> None:
-        """Lets the device live up to that time."""
+        """Advances the device to that time."""
 
     def left_operational(self) -> None:
         """Called when the device has left OPERATIONAL: no PDOs are exchanged any longer."""
 
-    def heard(self, can_id: int, t_s: float) -> None:
+    def received(self, can_id: int, t_s: float) -> None:
         """Called with every frame that arrived."""
 
     # --- what it does ---
@@ -140,7 +140,7 @@ class CanopenDevice:
         return bool(self._node.nmt.state == "OPERATIONAL")
 
     def provoke(self, fault: str) -> None:
-        """`unplug` and `plug`: the bus does not reach it, and it goes on living."""
+        """`unplug`: nothing is sent or received until `plug`; the device goes on living."""
         self._network.muted = fault == "unplug"
 
     def report(self, code: int) -> None:
@@ -153,14 +153,14 @@ class CanopenDevice:
             self.left_operational()
 
     def step(self, wait_s: float = 0.001) -> None:
-        """One round: waits for a frame, takes all that have arrived, and lives until now."""
+        """Waits for a frame, takes all that have arrived, advances to now, and sends a due heartbeat."""
         message = self._bus.recv(wait_s)
         left = _MOST_FRAMES
         while message is not None:
             t_s = self._now()
             self.live(t_s)
             if not self._network.muted:
-                self.heard(message.arbitration_id, t_s)
+                self.received(message.arbitration_id, t_s)
                 self.take(message.arbitration_id, bytes(message.data), t_s)
                 self._network.notify(message.arbitration_id, message.data, t_s)
             left -= 1
@@ -183,6 +183,7 @@ class CanopenDevice:
         self._node.nmt.state = "PRE-OPERATIONAL"
 
     def _on_nmt(self, can_id: int, data: bytearray, stamp: float) -> None:
+        """Boots after a reset; calls `left_operational` when the device is not OPERATIONAL now."""
         del can_id, stamp
         if len(data) != 2 or data[1] not in (0, self.node_id):
             return
@@ -194,6 +195,7 @@ class CanopenDevice:
     # --- objects ---
 
     def _on_write(self, index: int, subindex: int, od: object, data: bytes) -> None:
+        """Drops the table of PDOs, or takes over the period of the heartbeat; calls `written`."""
         del od
         if 0x1400 <= index < 0x1C00:
             self._pdos = None
@@ -227,12 +229,13 @@ class CanopenDevice:
         return self._pdos
 
     def _mapped(self, mapping: int) -> tuple[tuple[int, int], ...]:
-        """(index and sub-index as in the mapping, bytes) of each."""
+        """(index and sub-index as in the mapping, bytes) of each mapped object."""
         count = int(self.value(ObjectEntry(mapping, 0, "B")))
         words = [int(self.value(ObjectEntry(mapping, i, "I"))) for i in range(1, count + 1)]
         return tuple((word >> 8, (word & 0xFF) // 8) for word in words)
 
     def take(self, can_id: int, data: bytes, t_s: float) -> None:
+        """Takes SYNC or an RPDO while OPERATIONAL; a synchronous RPDO waits for SYNC."""
         if not self.operational:
             return
         if can_id == cia301.SYNC:
@@ -241,15 +244,16 @@ class CanopenDevice:
         for transmit, at, kind, mapped in self._table():
             if not transmit and at == can_id:
                 if kind <= _MOST_SYNCHRONOUS:
-                    self._received[can_id] = data
+                    self._rpdos[can_id] = data
                 else:
                     self._apply(mapped, data)
 
     def _sync(self, t_s: float) -> None:
+        """Applies the RPDOs that wait, calls `synchronised`, and sends the TPDOs of this SYNC."""
         self._syncs += 1
         for transmit, at, _, mapped in self._table():
-            if not transmit and at in self._received:
-                self._apply(mapped, self._received.pop(at))
+            if not transmit and at in self._rpdos:
+                self._apply(mapped, self._rpdos.pop(at))
         self.synchronised(t_s)
         for transmit, at, kind, mapped in self._table():
             if transmit and 1 <= kind <= _MOST_SYNCHRONOUS and self._syncs % kind == 0:
@@ -257,6 +261,7 @@ class CanopenDevice:
                 self._network.send_message(at, b"".join(parts))
 
     def _apply(self, mapped: tuple[tuple[int, int], ...], data: bytes) -> None:
+        """Writes the mapped objects of an RPDO; ignores one that is too short."""
         if len(data) < sum(size for _, size in mapped):
             return
         start = 0

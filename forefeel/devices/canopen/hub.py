@@ -24,14 +24,14 @@ def frame_s(frame: bytes, bitrate: int) -> float:
 
 
 class SlcanAdapter:
-    """What one adapter makes of its host's lines. Pure."""
+    """One adapter: lines of its host in, frames and answers out. Pure."""
 
     def __init__(self) -> None:
         self._lines = Lines()
         self.open = False
 
     def receive(self, data: bytes) -> tuple[list[bytes], bytes]:
-        """Frames for the bus, and answers for the host."""
+        """Takes bytes of the host; (frames for the bus, answers for the host)."""
         frames, answers = [], bytearray()
         for line in self._lines.feed(data):
             if self.open and line == frame_of(line):
@@ -57,8 +57,8 @@ class _Port:
 
 
 class CanHub:
-    """As many adapters as links, one bus; frames of one go to all others, one after the other. `step` it over
-    and over. `unplug` and `plug` befall the first adapter.
+    """Adapters, one for each link, on one bus: frames of one go to all others, one after the other. `step` it
+    over and over.
     """
 
     faults = "unplug", "plug"
@@ -69,6 +69,7 @@ class CanHub:
         self._on_wire = deque[tuple[float, int, bytes]]()  # (when it is complete, sender, frame)
 
     def provoke(self, fault: str) -> None:
+        """Unplugs or plugs the first adapter."""
         port = self._ports[0]
         if fault == "unplug":
             port.pty.unplug()
@@ -77,6 +78,7 @@ class CanHub:
             port.pty.plug()
 
     def step(self) -> None:
+        """Waits up to 2 ms, takes what the hosts wrote, and delivers the frames that have passed the bus."""
         ready = {port.pty.fileno() for port in self._ports if port.pty.fileno() >= 0}
         ready = set(select.select(list(ready), [], [], self._wait_s())[0])
         for i, port in enumerate(self._ports):

@@ -13,12 +13,11 @@ from forefeel.devices.canopen.bus import open_bus
 from forefeel.devices.canopen.slcan import SlcanBus
 from forefeel.devices.shared.settings import CanSettings
 
-HOST_NODE = 127
-"""The identifier of our heartbeat; no device may have it."""
+HOST_NODE = 127  # identifier of our heartbeat, the largest there is; no device may have it (`NodeId`)
 _RECEIVE_S = 0.05  # s between two looks for an end: `close` waits for as long
 _BUS_OFF = 0x40  # CAN_ERR_BUSOFF of Linux' error frames
 
-Heard = Callable[[int, bytearray, float], None]
+Handler = Callable[[int, bytearray, float], None]
 
 
 class SharedNetwork:
@@ -38,7 +37,7 @@ class SharedNetwork:
         self.failed: str | None = None
         self.counters: Counter[str] = Counter()
         self.users = 1
-        self._told: dict[DeviceLink, Counter[str]] = {}
+        self._reported: dict[DeviceLink, Counter[str]] = {}
         self._bus = open_bus(settings)
         self.network = canopen.Network(self._bus)
         self._sync: tuple[object, int] | None = None
@@ -49,11 +48,7 @@ class SharedNetwork:
         self._thread.start()
 
     def send(self, can_id: int, data: bytes) -> None:
-        """One frame.
-
-        Raises:
-            DeviceError: the bus failed.
-        """
+        """Sends one frame; DeviceError: the bus failed."""
         self.check()
         try:
             self.network.send_message(can_id, data)
@@ -66,17 +61,17 @@ class SharedNetwork:
             where = "" if self.settings.channel in self.failed else f"{self.name}: "
             raise DeviceError(f"{where}{self.failed}")
 
-    def subscribe(self, can_id: int, heard: Heard) -> None:
-        """Calls `heard(can_id, data, stamp)` in the receiving thread."""
-        self.network.subscribe(can_id, heard)
+    def subscribe(self, can_id: int, handler: Handler) -> None:
+        """Has `handler(can_id, data, stamp)` called in the receiving thread."""
+        self.network.subscribe(can_id, handler)
 
-    def unsubscribe(self, can_id: int, heard: Heard) -> None:
-        """The reverse; nothing when it is not subscribed."""
-        if heard in self.network.subscribers.get(can_id, ()):
-            self.network.unsubscribe(can_id, heard)
+    def unsubscribe(self, can_id: int, handler: Handler) -> None:
+        """Ends a subscription; nothing when there is none."""
+        if handler in self.network.subscribers.get(can_id, ()):
+            self.network.unsubscribe(can_id, handler)
 
     def sends_sync(self, owner: object, rank: int) -> bool:
-        """Whether `owner` is to send SYNC now: the first who asks, until another of higher rank asks."""
+        """Gives SYNC to the first owner that asks, then to one of higher rank; true for who has it."""
         with self._sync_lock:
             if self._sync is None or rank > self._sync[1]:
                 self._sync = owner, rank
@@ -87,15 +82,16 @@ class SharedNetwork:
             if self._sync is not None and self._sync[0] is owner:
                 self._sync = None
 
-    def tell(self, link: DeviceLink) -> None:
-        """Adds what has been counted, since this link was told last, to its counters, as `bus_...`."""
+    def update_counters(self, link: DeviceLink) -> None:
+        """Adds what was counted since the last call for this link to its counters, as `bus_...`."""
         lines = self._bus.counts if isinstance(self._bus, SlcanBus) else Counter[str]()
         counts = lines + self.counters
-        for name, count in (counts - self._told.get(link, Counter())).items():
+        for name, count in (counts - self._reported.get(link, Counter())).items():
             link.counters[f"bus_{name}"] += count
-        self._told[link] = counts
+        self._reported[link] = counts
 
     def close(self) -> None:
+        """Ends the receiving thread, which takes 50 ms, and closes the bus."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join(5.0)
@@ -109,7 +105,7 @@ class SharedNetwork:
             pass
 
     def receive(self, timeout_s: float) -> bool:
-        """Delivers a frame, if one comes within that time; whether the bus still works."""
+        """Delivers a frame, if one comes within that time; false when the bus has failed."""
         try:
             message = self._bus.recv(timeout_s)
         except (can.CanError, OSError, ValueError) as error:
@@ -137,10 +133,8 @@ _lock = Lock()
 
 
 def acquire(settings: CanSettings) -> SharedNetwork:
-    """The network of that bus; `release` it once for each call.
-
-    Raises:
-        DeviceSetupError: the bus can not be opened, or is open with another bitrate.
+    """Opens the bus, or shares the network that has it open; `release` it once for each call.
+    DeviceSetupError: the bus can not be opened, or is open with another bitrate.
     """
     key = settings.interface, settings.channel
     with _lock:
@@ -159,7 +153,7 @@ def acquire(settings: CanSettings) -> SharedNetwork:
 
 
 def release(shared: SharedNetwork) -> None:
-    """Lets it go; the last user closes the bus."""
+    """Ends one use of the network; the last one closes the bus."""
     with _lock:
         shared.users -= 1
         if shared.users:

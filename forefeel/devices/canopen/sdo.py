@@ -30,7 +30,7 @@ _TRIES = 3  # attempts at an object before the device counts as silent
 def talking_to(
     settings: CanSettings, node: int, link: DeviceLink
 ) -> Iterator[tuple[SharedNetwork, "RemoteDevice"]]:
-    """The bus and a device on it, for the length of a conversation: the link is OPEN."""
+    """Acquires the bus and a device on it for the length of a block; the link is OPEN."""
     shared = acquire(settings)
     try:
         link.advance(LinkState.OPEN)
@@ -39,7 +39,7 @@ def talking_to(
             yield shared, device
         finally:
             device.forget()
-            shared.tell(link)
+            shared.update_counters(link)
     finally:
         release(shared)
 
@@ -63,11 +63,9 @@ class RemoteDevice:
     def forget(self) -> None:
         del self._shared.network[self.node]
 
-    def introduce(self, expected: int) -> None:
-        """Asks who it is, in PRE-OPERATIONAL, and tells the link: identity, serial number (0: not said).
-
-        Raises:
-            DeviceSetupError: nobody answers, or it is a device of another profile than `expected`.
+    def identify(self, expected: int) -> None:
+        """Reads identity and serial number (0: not told) into the link, in PRE-OPERATIONAL; IDENTIFIED.
+        DeviceSetupError: nobody answers, or it is a device of another profile than `expected`.
         """
         self.order(ENTER_PREOPERATIONAL)
         try:
@@ -78,20 +76,18 @@ class RemoteDevice:
             ) from error
         if profile(kind) != expected:
             raise DeviceSetupError(f"{self.name}: a CiA {profile(kind)} device, expected CiA {expected}")
-        asked = {"vendor": VENDOR, "product": PRODUCT, "revision": REVISION, "serial": SERIAL}
-        who = {name: f"{int(self.read(entry, 0)):08X}" for name, entry in asked.items()}
-        self._link.identity = ", ".join(f"{name} {value}" for name, value in who.items())
-        self._link.serial = who["serial"]
+        entries = {"vendor": VENDOR, "product": PRODUCT, "revision": REVISION, "serial": SERIAL}
+        identity = {name: f"{int(self.read(entry, 0)):08X}" for name, entry in entries.items()}
+        self._link.identity = ", ".join(f"{name} {value}" for name, value in identity.items())
+        self._link.serial = identity["serial"]
         self._link.advance(LinkState.IDENTIFIED)
 
     def order(self, command: int) -> None:
         self._shared.send(NMT, bytes([command, self.node]))
 
     def read(self, entry: ObjectEntry, otherwise: float | None = None) -> float:
-        """The value of an entry, `otherwise` when the device has none.
-
-        Raises:
-            DeviceError: no answer, refused, or too short.
+        """Value of an entry; `otherwise`, where it is given, when the device refuses. DeviceError: no answer,
+        refused, or too short.
         """
         try:
             return entry.unpack(self._try("reading", entry, None))
@@ -103,26 +99,23 @@ class RemoteDevice:
             return otherwise
 
     def write(self, entry: ObjectEntry, value: float) -> None:
-        """Writes, and reads it back.
-
-        Raises:
-            DeviceError: no answer, or refused.
-            DeviceSetupError: the device took another value.
+        """Writes an entry, and reads it back. DeviceError: no answer, or refused. DeviceSetupError: the
+        device took another value.
         """
         try:
             self._try("writing", entry, entry.pack(value))
         except struct.error as error:
             raise DeviceSetupError(f"{self.name}: {entry} = {value}: does not fit into it") from error
-        found = self.read(entry)
-        if found != value:
-            raise DeviceSetupError(f"{self.name}: {entry} = {found:g} after {value:g} was written")
+        actual = self.read(entry)
+        if actual != value:
+            raise DeviceSetupError(f"{self.name}: {entry} = {actual:g} after {value:g} was written")
 
     def write_all(self, values: Iterable[tuple[ObjectEntry, float]]) -> None:
         for entry, value in values:
             self.write(entry, value)
 
     def offer(self, entry: ObjectEntry, value: float) -> bool:
-        """Writes what a device need not have, and need not keep as it is; whether it has it."""
+        """Writes an entry that a device need not have, without reading it back; false when it refuses."""
         try:
             self._try("writing", entry, entry.pack(value))
         except _RefusedError:
@@ -130,9 +123,10 @@ class RemoteDevice:
         return True
 
     def _try(self, what: str, entry: ObjectEntry, data: bytes | None) -> bytes:
+        """Uploads an entry, or downloads `data`. `_SilentError`: no answer thrice; `_RefusedError`: abort."""
         for left in reversed(range(_TRIES)):
             self._shared.check()
-            self._shared.tell(self._link)  # a handshake over a bad wire takes its time, too
+            self._shared.update_counters(self._link)  # a handshake over a bad wire takes its time, too
             try:
                 if data is None:
                     return bytes(self._remote.sdo.upload(entry.index, entry.sub))

@@ -33,12 +33,12 @@ def frame_of(line: bytes) -> bytes | None:
     A frame that is glued to a truncated one is found: its letter can not be a digit of another.
     """
     start = max(0, *(line.rfind(letter) for letter in b"trTR"))
-    found = _FRAME.fullmatch(line, start)
-    if found is None:
+    match = _FRAME.fullmatch(line, start)
+    if match is None:
         return None
-    digits = 0 if line[start] in b"rR" else 2 * int(found[1])
-    whole = len(found[2]) in (digits, digits + _STAMP_DIGITS)
-    return line[start : found.start(2) + digits] if whole else None
+    digits = 0 if line[start] in b"rR" else 2 * int(match[1])
+    whole = len(match[2]) in (digits, digits + _STAMP_DIGITS)
+    return line[start : match.start(2) + digits] if whole else None
 
 
 class Lines:
@@ -108,6 +108,7 @@ class SlcanBus(slcanBus):
         self.set_bitrate(bitrate)
 
     def _read(self, timeout: float | None) -> str | None:
+        """The oldest frame that was read; None when none comes in time. Counts damaged lines."""
         if not self._frames:
             self.serialPortOrig.timeout_s = timeout
             with error_check():

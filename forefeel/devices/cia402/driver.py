@@ -33,13 +33,12 @@ from forefeel.devices.shared.conversation import Conversation, Pacer, Steps
 from forefeel.devices.shared.stage import PositionScale, Setpoint, Wanted, calibrated
 from forefeel.slave.stage import StageReading, require_finite
 
-# --- What one cycle of a CiA 402 drive decides: controlword and setpoint out of what was heard. Pure.
+# --- One cycle of a drive: controlword and setpoint, from what was received. Pure.
 SILENT_PERIODS, SILENT_S = 3, 0.05
 """So many SYNC in a row without a TPDO, and for so long, are a fault: a host pauses for more than 12 ms."""
 _FIRST_TPDO_S = 0.5  # s for the first TPDO and the first heartbeat
 _ENABLE_S = 1.0  # s in which a reset or an enabling must be done
-# s after which a command is over and the setpoint comes to rest: the default of the slave's `watchdog_s`
-_STREAM_S = 0.060
+_STREAM_S = 0.060  # s after which a command is over and the setpoint rests: the default of `watchdog_s`
 _CARRY_S = 0.002  # s by which a command is carried on with its velocity: two periods at 1 kHz
 
 
@@ -53,10 +52,9 @@ class Readback(NamedTuple):
 
 
 class Tracker:
-    """Velocity from positions at SYNC, and whether they can be true.
+    """Velocities from positions at SYNC; rejects positions that the drive can not have reached.
 
-    A frame on a wire without a checksum may say anything: a position further from the last than the drive
-    can go counts as not received.
+    A frame on a wire without a checksum may hold anything: such a position counts as not received.
     """
 
     def __init__(self, period_s: float, max_velocity_m_s: float, following_error_m: float) -> None:
@@ -64,7 +62,9 @@ class Tracker:
         self._last: Readback | None = None
 
     def take(self, host_ns: int, statusword: int, position_m: float) -> Readback | None:
-        """The readback of a TPDO; None: it can not be believed."""
+        """Readback of a TPDO, its velocity from the last one. None, and nothing changes, where it is further
+        from that than twice the maximum velocity and the following error allow.
+        """
         velocity_m_s = 0.0
         if self._last is not None:
             periods = max(1, round((host_ns - self._last.host_ns) * 1e-9 / self._period_s))
@@ -77,15 +77,15 @@ class Tracker:
 
 
 class DriveCycle:
-    """Supervises and commands, once for each SYNC.
+    """Supervision and command of a drive, once for each SYNC.
 
     Args:
         period_s: of SYNC.
-        heartbeat_s: how often the drive is to say that it lives.
-        setpoint: what it is led by; starts where the drive is.
+        heartbeat_s: period of the drive's heartbeat.
+        setpoint: the target; starts where the drive is.
 
     Attributes:
-        passive_cycles: how often the drive has answered while it was told to stand.
+        passive_cycles: readbacks received while the drive was told to stand.
     """
 
     def __init__(self, period_s: float, heartbeat_s: float, setpoint: Setpoint) -> None:
@@ -96,45 +96,46 @@ class DriveCycle:
         self._no_beat = self._silent = 0
         self._patience = max(SILENT_PERIODS, round(SILENT_S / period_s))
         self._grace = round(_FIRST_TPDO_S / period_s)
-        self._heard_once = False
+        self._answered = False
         self._statusword = 0
         self.passive_cycles = 0
 
     def step(
-        self, heard: Readback | None, beat: bool, emergency: int | None, wanted: Wanted | None, now_ns: int
+        self, readback: Readback | None, beat: bool, emergency: int | None, wanted: Wanted | None, now_ns: int
     ) -> int:
-        """The controlword; `setpoint.position_m` is the target beside it.
-
-        `heard`, `beat`, `emergency`: since the last cycle; `wanted`: None to hold.
+        """Returns the controlword; moves `setpoint`, whose position is the target beside it: after `wanted`
+        while the drive follows, else to where the drive is. `readback`, `beat`, `emergency`: received since
+        the last cycle; `wanted`: None to hold.
 
         Raises:
             DeviceError: a fault of the drive or of the way to it.
         """
         following = self.machine.phase is Phase.FOLLOWING
-        word = self.supervise(heard, beat, emergency)
+        word = self.supervise(readback, beat, emergency)
         if not following:
-            if heard is not None:
-                self.setpoint.restart(heard.position_m)
+            if readback is not None:
+                self.setpoint.restart(readback.position_m)
                 self.passive_cycles += self.machine.phase is Phase.PASSIVE
             return word
         self._move(wanted, now_ns)
         return word
 
-    def supervise(self, heard: Readback | None, beat: bool, emergency: int | None) -> int:
-        """The controlword alone, for a drive that moves by itself; raises as `step`."""
-        self._listen(heard, beat, emergency)
-        return self.machine.step(self._statusword) if self._heard_once else QUICK_STOP
+    def supervise(self, readback: Readback | None, beat: bool, emergency: int | None) -> int:
+        """Returns the controlword alone, for a drive that moves by itself; raises as `step`."""
+        self._check(readback, beat, emergency)
+        return self.machine.step(self._statusword) if self._answered else QUICK_STOP
 
-    def _listen(self, heard: Readback | None, beat: bool, emergency: int | None) -> None:
+    def _check(self, readback: Readback | None, beat: bool, emergency: int | None) -> None:
+        """Stores the statusword; DeviceError for an emergency unless passive, for silence or no heartbeat."""
         self._no_beat = 0 if beat else self._no_beat + 1
-        self._silent = 0 if heard else self._silent + 1
-        if heard is not None:
-            self._statusword, self._heard_once = heard.statusword, True
+        self._silent = 0 if readback else self._silent + 1
+        if readback is not None:
+            self._statusword, self._answered = readback.statusword, True
         if emergency and self.machine.phase is not Phase.PASSIVE:
             raise DeviceError(f"drive reports emergency {emergency:04X}")
-        if self._silent > (self._patience if self._heard_once else self._grace):
+        if self._silent > (self._patience if self._answered else self._grace):
             raise DeviceError(f"no TPDO of the drive for {self._silent - 1} SYNC periods")
-        if self._no_beat > max(self._beat_cycles, 0 if self._heard_once else self._grace):
+        if self._no_beat > max(self._beat_cycles, 0 if self._answered else self._grace):
             raise DeviceError("no heartbeat of the drive for three of its periods")
 
     def _move(self, wanted: Wanted | None, now_ns: int) -> None:
@@ -145,9 +146,8 @@ class DriveCycle:
             self.setpoint.follow(wanted.position_m + wanted.velocity_m_s * min(age_s, _CARRY_S))
 
 
-# --- The handshake of a CiA 402 drive: who it is, and everything that its safety depends on written by us.
-# SYNC periods beyond the window after which the drive itself reports a following error
-_FOLLOWING_PERIODS = 5
+# --- The handshake: writes everything that the drive's safety depends on.
+_FOLLOWING_PERIODS = 5  # SYNC periods beyond the window after which the drive reports a following error
 _SWITCH_OFF = [(transmit, number) for transmit in (False, True) for number in (2, 3, 4)]
 
 
@@ -162,31 +162,29 @@ def state_pdo(node: int) -> Pdo:
 
 
 def configure(device: RemoteDevice, settings: Cia402Settings, scale: PositionScale) -> float:
-    """Writes and reads back the whole configuration, in PRE-OPERATIONAL, and starts it; where the drive is.
+    """Configures the drive for cyclic synchronous position, starts it, and returns its position in m.
 
     Raises:
         DeviceError: no answer, or an object that is needed is refused.
-        DeviceSetupError: it is no drive for us.
+        DeviceSetupError: no such mode, a value that the drive does not take, or outside of `travel_m`.
     """
     if not int(device.read(cia402.SUPPORTED_MODES)) & cia402.CSP_SUPPORTED:
         raise DeviceSetupError(
             f"{device.name}: no cyclic synchronous position (6502); expected a drive with it"
         )
-    _exchanged(device, settings)
-    _timing(device, settings)
-    _protection(device, settings, scale)
-    _mode(device, cia402.CSP)
+    _map_pdos(device, settings)
+    _set_timing(device, settings)
+    _set_limits(device, settings, scale)
+    _set_mode(device, cia402.CSP)
     actual_m = scale.metres(device.read(cia402.POSITION_ACTUAL))
-    _within_travel(device, settings, actual_m)
+    _require_within_travel(device, settings, actual_m)
     device.order(START)
     return actual_m
 
 
 def require_homing(device: RemoteDevice, settings: Cia402Settings) -> None:
-    """Asks and tells the drive how it is to be homed; nothing moves.
-
-    Raises:
-        DeviceSetupError: it can not be homed, or not so, or is in a fault.
+    """Writes and reads back method, speeds and acceleration of homing; nothing moves. DeviceSetupError: no
+    mode of homing, a fault, or a value that is refused.
     """
     homing, per_m = settings.homing, settings.counts_per_m
     if not int(device.read(cia402.SUPPORTED_MODES)) & cia402.HOMING_SUPPORTED:
@@ -210,27 +208,25 @@ def require_homing(device: RemoteDevice, settings: Cia402Settings) -> None:
 
 
 def configure_homing(device: RemoteDevice, settings: Cia402Settings) -> None:
-    """Configures as `configure` does, for the mode of homing. The software limits stay as they are: they
-    belong to the count before.
-
-    Raises:
-        DeviceError, DeviceSetupError: as `configure`.
+    """Configures the drive for the mode of homing and starts it; raises as `configure`. The software limits
+    stay as they are: they belong to the count before.
     """
-    _exchanged(device, settings)
-    _timing(device, settings)
-    _watched(device, settings, settings.counts_per_m)
-    _mode(device, cia402.HOMING)
+    _map_pdos(device, settings)
+    _set_timing(device, settings)
+    _set_reactions(device, settings, settings.counts_per_m)
+    _set_mode(device, cia402.HOMING)
     device.order(START)
 
 
-def _exchanged(device: RemoteDevice, settings: Cia402Settings) -> None:
+def _map_pdos(device: RemoteDevice, settings: Cia402Settings) -> None:
     for transmit, number in _SWITCH_OFF:
         device.offer(*pdo_off(transmit, number, settings.node_id))
     device.write_all(command_pdo(settings.node_id).parameters())
     device.write_all(state_pdo(settings.node_id).parameters())
 
 
-def _timing(device: RemoteDevice, settings: Cia402Settings) -> None:
+def _set_timing(device: RemoteDevice, settings: Cia402Settings) -> None:
+    """Writes the period of SYNC and both heartbeats."""
     period = cia402.interpolation_period(settings.sync_hz)
     assert period is not None, "the settings refuse it"
     device.write(cia402.PERIOD_EXPONENT, period[1])
@@ -240,22 +236,23 @@ def _timing(device: RemoteDevice, settings: Cia402Settings) -> None:
     device.write(HEARTBEAT_CONSUMER, heartbeat_consumer(HOST_NODE, 3.0 * settings.heartbeat_s))
 
 
-def _protection(device: RemoteDevice, settings: Cia402Settings, scale: PositionScale) -> None:
+def _set_limits(device: RemoteDevice, settings: Cia402Settings, scale: PositionScale) -> None:
     low, high = scale.ends(settings.travel_m)
     device.write(cia402.SOFT_LIMIT_LOW, low)
     device.write(cia402.SOFT_LIMIT_HIGH, high)
-    _watched(device, settings, abs(scale.per_m))
+    _set_reactions(device, settings, abs(scale.per_m))
 
 
-def _watched(device: RemoteDevice, settings: Cia402Settings, per_m: float) -> None:
-    """What the drive does by itself: a lost host and a following error stop it."""
+def _set_reactions(device: RemoteDevice, settings: Cia402Settings, per_m: float) -> None:
+    """Has a lost host and a following error stop the drive by itself."""
     device.write(cia402.ABORT_OPTION, cia402.ABORT_QUICK_STOP)
     device.write(cia402.QUICK_STOP_OPTION, cia402.STAY_IN_QUICK_STOP)
     device.write(cia402.FOLLOWING_WINDOW, round(settings.following_error_m * per_m))
     device.write(cia402.FOLLOWING_TIMEOUT_MS, round(1e3 * _FOLLOWING_PERIODS / settings.sync_hz))
 
 
-def _mode(device: RemoteDevice, mode: int) -> None:
+def _set_mode(device: RemoteDevice, mode: int) -> None:
+    """Writes the mode and waits until it is displayed; DeviceError after 0.3 s."""
     device.write(cia402.MODE, mode)
     for _ in range(30):
         shown = int(device.read(cia402.MODE_DISPLAY))
@@ -265,7 +262,8 @@ def _mode(device: RemoteDevice, mode: int) -> None:
     raise DeviceError(f"{device.name}: mode {shown} is displayed, expected {mode}")
 
 
-def _within_travel(device: RemoteDevice, settings: Cia402Settings, actual_m: float) -> None:
+def _require_within_travel(device: RemoteDevice, settings: Cia402Settings, actual_m: float) -> None:
+    """Raises DeviceSetupError for a drive outside of its travel by more than the following error."""
     (low, high), slack_m = settings.travel_m, settings.following_error_m
     if not low - slack_m <= actual_m <= high + slack_m:
         raise DeviceSetupError(
@@ -274,16 +272,16 @@ def _within_travel(device: RemoteDevice, settings: Cia402Settings, actual_m: flo
         )
 
 
-# --- What is heard of a CiA 402 drive, and what it is sent at every cycle.
+# --- The PDOs of a drive.
 _RANK = 1  # a drive's SYNC goes before a load cell's
 
-Believe = Callable[[int, int, float], Readback | None]
-"""A TPDO (host_ns, statusword, position in counts) as it is to be taken; None: it can not be true."""
+Decode = Callable[[int, int, float], Readback | None]
+"""Readback of a TPDO (host_ns, statusword, position in counts); None: not plausible."""
 
 
 class DriveWire:
-    """What is heard of one drive, and what it is sent: `take` and `send` once a cycle, from one thread. Use:
-    `with wire:`; at its end the drive is told to stop.
+    """PDOs, SYNC and heartbeats of one drive: `take` and `send` once a cycle, from one thread, within `with
+    wire:`, whose end sends a quick stop.
     """
 
     def __init__(
@@ -292,29 +290,29 @@ class DriveWire:
         settings: Cia402Settings,
         link: DeviceLink,
         clock: Clock,
-        believe: Believe,
+        decode: Decode,
         target: int,
     ) -> None:
         """`target`: in counts, beside the quick stop of a drive that was sent nothing yet."""
         node = settings.node_id
-        self._shared, self._link, self._clock, self._believe = shared, link, clock, believe
+        self._shared, self._link, self._clock, self._decode = shared, link, clock, decode
         self._command, self._state = command_pdo(node), state_pdo(node)
-        self._hears = (
+        self._handlers = (
             (self._state.can_id, self._on_state),
             (HEARTBEAT + node, self._on_heartbeat),
             (EMERGENCY + node, self._on_emergency),
         )
-        self._heard: Readback | None = None
+        self._readback: Readback | None = None
         self._beat = False
         self._emergency: int | None = None
         self.period_ns = round(1e9 / settings.sync_hz)
         self._beat_ns, self._next_beat_ns = round(settings.heartbeat_s * 1e9), 0
-        self._asked_ns: int | None = None  # when the newest SYNC of ours went out
+        self._sync_ns: int | None = None  # of the newest SYNC of ours
         self._target = target
 
     def __enter__(self) -> "DriveWire":
-        for can_id, heard in self._hears:
-            self._shared.subscribe(can_id, heard)
+        for can_id, handler in self._handlers:
+            self._shared.subscribe(can_id, handler)
         return self
 
     def __exit__(self, *_error: object) -> None:
@@ -326,15 +324,17 @@ class DriveWire:
             self._link.counters["quick_stop_failed"] += 1
         finally:
             self._shared.leave_sync(self)
-            for can_id, heard in self._hears:
-                self._shared.unsubscribe(can_id, heard)
+            for can_id, handler in self._handlers:
+                self._shared.unsubscribe(can_id, handler)
 
     def take(self) -> tuple[Readback | None, bool, int | None]:
-        found = self._heard, self._beat, self._emergency
-        self._heard, self._beat, self._emergency = None, False, None
-        return found
+        """Returns and clears what has come since the last call: readback, heartbeat, emergency code."""
+        received = self._readback, self._beat, self._emergency
+        self._readback, self._beat, self._emergency = None, False, None
+        return received
 
     def _on_state(self, can_id: int, data: bytearray, stamp: float) -> None:
+        """Stores the readback of a TPDO; counts frames of a wrong length and implausible ones."""
         del can_id, stamp
         values = self._state.unpack(data)
         counters, now_ns = self._link.counters, self._clock.now_ns()
@@ -342,12 +342,12 @@ class DriveWire:
         if values is None:
             counters["bad_length"] += 1
             return
-        heard = self._believe(now_ns, int(values[0]), values[1])
-        if heard is None:
+        readback = self._decode(now_ns, int(values[0]), values[1])
+        if readback is None:
             counters["implausible"] += 1
             return
-        self._heard = heard
-        self._link.exchanged(None if self._asked_ns is None else now_ns - self._asked_ns)
+        self._readback = readback
+        self._link.exchanged(None if self._sync_ns is None else now_ns - self._sync_ns)
 
     def _on_heartbeat(self, can_id: int, data: bytearray, stamp: float) -> None:
         del can_id, stamp
@@ -359,26 +359,21 @@ class DriveWire:
         self._emergency = emergency(data) or self._emergency
 
     def send(self, word: int, target: int) -> None:
-        """Sends one cycle: the PDO, SYNC, and our heartbeat when it is due.
-
-        Raises:
-            DeviceError: the bus failed.
-        """
+        """Sends the PDO, SYNC if it is ours, and our heartbeat when due; DeviceError: the bus failed."""
         self._target, now_ns = target, self._clock.now_ns()
         self._shared.send(self._command.can_id, self._command.pack(word, target))
         if self._shared.sends_sync(self, _RANK):
-            self._asked_ns = now_ns
+            self._sync_ns = now_ns
             self._shared.send(SYNC, b"")
         if now_ns >= self._next_beat_ns:
             self._next_beat_ns = now_ns + self._beat_ns - self.period_ns // 2
             self._shared.send(HEARTBEAT + HOST_NODE, bytes([OPERATIONAL]))
-        self._shared.tell(self._link)
+        self._shared.update_counters(self._link)
 
 
-# --- A CiA 402 drive in cyclic synchronous position mode behind the stage port.
+# --- The stage port.
 _OPEN_S = 8.0  # s for the handshake
-# m/s^2 with which `hold` comes to rest: the default of the slave's `stop_deceleration_m_s2`
-_DECELERATION_M_S2 = 4.0
+_DECELERATION_M_S2 = 4.0  # m/s^2, of `hold`: the default of the slave's `stop_deceleration_m_s2`
 STAND_CYCLES = 3  # answers of a drive that was told to stand, before it is enabled
 
 
@@ -422,7 +417,7 @@ class Cia402Stage:
             self._conversation.stop()
 
     def rearm(self) -> None:
-        """Resets a fault of the drive and enables it; it holds where it is until commanded.
+        """After a fault of the link: resets the drive's fault and enables it; it holds until commanded.
 
         The drive follows some cycles later; if it does not within a second, that is a new fault.
         """
@@ -446,10 +441,10 @@ class Cia402Stage:
     def read(self, now_ns: int) -> StageReading:
         """The newest readback, carried on to now; its velocity is the difference of two positions at SYNC."""
         self.link.require_ready()
-        found = self._readback
-        if found is None:
+        readback = self._readback
+        if readback is None:
             raise DeviceError(f"{self.link.name}: no position yet")
-        return StageReading(found.position_m, found.velocity_m_s).carried_on(found.host_ns, now_ns)
+        return StageReading(readback.position_m, readback.velocity_m_s).carried_on(readback.host_ns, now_ns)
 
     # --- the conversation ---
 
@@ -459,7 +454,8 @@ class Cia402Stage:
             yield from self._talk(conversation, shared, device)
 
     def _talk(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> Steps:
-        device.introduce(cia402.PROFILE)
+        """Identifies and configures the drive, then exchanges until the conversation ends."""
+        device.identify(cia402.PROFILE)
         scale = self._scale
         if scale is None:
             self.calibration, scale = calibrated(self._settings, self.link.serial)
@@ -468,19 +464,19 @@ class Cia402Stage:
         s = self._settings
         tracker = Tracker(1.0 / s.sync_hz, s.max_velocity_m_s, s.following_error_m)
 
-        def believe(host_ns: int, statusword: int, counts: float) -> Readback | None:
-            heard = tracker.take(host_ns, statusword, scale.metres(counts))
-            self._readback = heard or self._readback
-            return heard
+        def decode(host_ns: int, statusword: int, counts: float) -> Readback | None:
+            readback = tracker.take(host_ns, statusword, scale.metres(counts))
+            self._readback = readback or self._readback
+            return readback
 
-        with DriveWire(shared, s, self.link, self._clock, believe, scale.native(actual_m)) as wire:
+        with DriveWire(shared, s, self.link, self._clock, decode, scale.native(actual_m)) as wire:
             yield from self._cycles(conversation, wire, scale, actual_m)
 
     def _cycles(
         self, conversation: Conversation, wire: DriveWire, scale: PositionScale, actual_m: float
     ) -> Steps:
-        """From CONFIGURED until the conversation ends or a fault is raised, at absolute deadlines; comes to
-        rest before it returns.
+        """Supervises and commands the drive at absolute deadlines until the conversation ends, at rest;
+        raises DeviceError for a fault.
         """
         settings, link, clock, setpoint = self._settings, self.link, self._clock, self._new_setpoint()
         setpoint.restart(actual_m)
@@ -492,10 +488,10 @@ class Cia402Stage:
             return conversation.stopping and at_rest
 
         while not may_end():
-            heard, beat, alarm = wire.take()
-            link.counters["silent_periods"] += heard is None and self._readback is not None
+            readback, beat, alarm = wire.take()
+            link.counters["silent_periods"] += readback is None and self._readback is not None
             wanted = None if conversation.stopping else self._wanted
-            word = cycle.step(heard, beat, alarm, wanted, clock.now_ns())
+            word = cycle.step(readback, beat, alarm, wanted, clock.now_ns())
             wire.send(word, scale.native(setpoint.position_m))
             self._enable(cycle, first)
             yield pacer.wait_s()
@@ -503,7 +499,7 @@ class Cia402Stage:
             pacer.missed = 0
 
     def _enable(self, cycle: DriveCycle, first: bool) -> None:
-        """Enables at the start, re-arms when asked to; READY once the drive follows. Else it stands."""
+        """Enables a new drive after some answers, resets a fault after `rearm`; READY once it follows."""
         link, machine = self.link, cycle.machine
         rearm, self._rearm = self._rearm, False
         if link.inhibited is not None:

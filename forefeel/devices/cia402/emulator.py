@@ -83,7 +83,7 @@ _STATUS = {
 
 
 class DriveHoming:
-    """The mode of homing: onto a limit switch, off it again. Positions are of the motor, in m.
+    """Mode of homing: onto a limit switch, off it again. Positions are of the motor, in m.
 
     Args:
         objects: of the drive.
@@ -94,7 +94,7 @@ class DriveHoming:
     Attributes:
         switches_m: the negative limit switch answers at and below the first, the positive one from
             the second on; at first half a millimetre before the ends.
-        reference_m, velocity_m_s: where the servo is to be, and how fast it is to go there.
+        reference_m, velocity_m_s: position and velocity that the servo is to follow.
     """
 
     def __init__(
@@ -110,7 +110,7 @@ class DriveHoming:
         self.reference_m, self.velocity_m_s = position_m, 0.0
 
     def start(self, position_m: float) -> float | None:
-        """Begins to home; the reference, where the method moves nothing."""
+        """Begins homing, or fails without speeds; the reference where the method moves nothing, else None."""
         if self._objects[cia402.HOMING_METHOD] in HERE:
             self.phase = HomingPhase.ATTAINED
             return position_m
@@ -125,8 +125,8 @@ class DriveHoming:
             self.phase = HomingPhase.IDLE
 
     def step(self, position_m: float, velocity_m_s: float) -> float | None:
-        """Makes one step, given the servo's position and velocity; returns the reference when it finds it."""
-        found, wanted_m_s = None, 0.0
+        """Moves `reference_m` on by one step; the edge of the switch in m when it is left, else None."""
+        reference_m, wanted_m_s = None, 0.0
         way = -1 if self._objects[cia402.HOMING_METHOD] == NEGATIVE_SWITCH else 1
         low_m, high_m = self.switches_m
         on_switch = position_m <= low_m if way < 0 else position_m >= high_m
@@ -137,7 +137,7 @@ class DriveHoming:
                 self.phase = HomingPhase.FAILED
                 self.hold(position_m)
         elif self.phase is HomingPhase.LEAVING and not on_switch:
-            self.phase, found = HomingPhase.STOPPING, position_m
+            self.phase, reference_m = HomingPhase.STOPPING, position_m
         elif self.phase is HomingPhase.STOPPING and abs(velocity_m_s) < _HOMED_AT_REST_M_S:
             self.phase = HomingPhase.ATTAINED
         if self.phase is HomingPhase.SEARCHING:
@@ -147,7 +147,7 @@ class DriveHoming:
         most = self._objects[cia402.HOMING_ACCELERATION] / self._per_m * self._dt_s
         self.velocity_m_s += max(-most, min(most, wanted_m_s - self.velocity_m_s))
         self.reference_m += self.velocity_m_s * self._dt_s
-        return found
+        return reference_m
 
     @property
     def status(self) -> int:
@@ -165,7 +165,7 @@ class DriveModel:
         settings: the mechanics: travel, limits, bandwidth, where it starts.
         counts_per_m: of its encoder; zero at x = 0, until it is homed.
         rate_hz: of its servo.
-        moved: the hook of every step.
+        moved: called at every step.
 
     Attributes:
         objects: of its profile, as they were written.
@@ -228,6 +228,7 @@ class DriveModel:
     # --- what it is told ---
 
     def control(self, word: int) -> None:
+        """Takes a controlword: resets a fault, changes the state, starts or interrupts homing."""
         rising = word & ~self._control
         self._control = word
         if self.state is DriveState.FAULT:
@@ -241,19 +242,19 @@ class DriveModel:
         if self.state is not DriveState.ENABLED or not word & cia402.HOMING_START or word & cia402.HALT:
             self.homing.interrupt()
         elif rising & cia402.HOMING_START:
-            self._found(self.homing.start(self._servo.position_m))
+            self._set_origin(self.homing.start(self._servo.position_m))
 
-    def _found(self, reference_m: float | None) -> None:
-        """The reference, when it has just been found: the count begins anew."""
+    def _set_origin(self, reference_m: float | None) -> None:
+        """Restarts the count at a reference that was found; nothing for None."""
         if reference_m is not None:
             self.origin_m = reference_m - self.objects[cia402.HOME_OFFSET] / self._counts_per_m
 
     def target(self, counts: int) -> None:
-        """Keeps a target position, object 607A, for the next SYNC."""
+        """Stores a target position, object 607A, for the next SYNC."""
         self._target = counts
 
     def sync(self, t_s: float) -> None:
-        """At SYNC the target becomes valid; the drive interpolates to it over one period."""
+        """Makes the target valid, within the software limits, and interpolates to it over one period."""
         objects = self.objects
         self._from_m = self._reference_m(t_s)[0]
         if self._target is not None and self.mode == cia402.CSP:
@@ -263,7 +264,7 @@ class DriveModel:
         self._synced_s = t_s
 
     def lose_host(self) -> None:
-        """Reacts, as object 6007 says, to the end of the host's heartbeat or of the PDOs."""
+        """While enabled: quick stop if object 6007 says so, else a fault; nothing in other states."""
         if self.state is not DriveState.ENABLED:
             return
         if self.objects[cia402.ABORT_OPTION] == cia402.ABORT_QUICK_STOP:
@@ -279,6 +280,7 @@ class DriveModel:
             self.alarms.append(code)
 
     def _switch(self, word: int) -> None:
+        """Changes the state as bits 0 to 3 of a controlword demand (CiA 402)."""
         state = self.state
         if not word & 0x02:
             self.state = DriveState.DISABLED
@@ -296,7 +298,7 @@ class DriveModel:
             self.state = DriveState.SWITCHED_ON
 
     def _start(self) -> None:
-        """Follows at once whatever the target says: a drive in this mode has no ramp."""
+        """Enters OPERATION ENABLED and follows the target at once: this mode has no ramp."""
         self.state = DriveState.ENABLED
         if self._target is None or self.mode == cia402.HOMING:
             self._from_m = self._to_m = self._servo.position_m
@@ -312,6 +314,7 @@ class DriveModel:
             self._step(self._t_s)
 
     def _reference_m(self, t_s: float) -> tuple[float, float]:
+        """(position m, velocity m/s) that the servo follows at that time."""
         if self.mode == cia402.HOMING:
             return self.homing.reference_m, self.homing.velocity_m_s
         share = (t_s - self._synced_s) / self._period_s
@@ -321,9 +324,10 @@ class DriveModel:
         return self._from_m + span_m * max(0.0, share), span_m / self._period_s
 
     def _step(self, t_s: float) -> None:
+        """Moves the carriage on by one period; watches the following error, ends a fault reaction at rest."""
         if self.state is DriveState.ENABLED:
             if self.mode == cia402.HOMING:
-                self._found(self.homing.step(self._servo.position_m, self.velocity_m_s))
+                self._set_origin(self.homing.step(self._servo.position_m, self.velocity_m_s))
                 self._from_m = self._to_m = self.homing.reference_m
             reference_m, feed_m_s = self._reference_m(t_s)
             self._servo.command(reference_m, feed_m_s, t_s)
@@ -391,6 +395,7 @@ class Drive402(CanopenDevice):
             super().provoke(fault)
 
     def written(self, index: int, sub: int, value: bytes) -> None:
+        """Takes over an object that the host wrote; SdoAbortedError for a homing method that it has not."""
         entry = _ENTRIES.get((index, sub))
         if entry is None:
             return
@@ -407,6 +412,7 @@ class Drive402(CanopenDevice):
             self._last_beat_s = None
 
     def shown(self, index: int, sub: int) -> float | None:
+        """Value of statusword, position, displayed mode and error code; None for any other object."""
         del sub
         model = self.model
         if index == cia402.STATUSWORD.index:
@@ -420,7 +426,7 @@ class Drive402(CanopenDevice):
     def synchronised(self, t_s: float) -> None:
         self.model.sync(t_s)
 
-    def heard(self, can_id: int, t_s: float) -> None:
+    def received(self, can_id: int, t_s: float) -> None:
         if can_id == cia301.HEARTBEAT + self._listens_to and self._silence_s:
             self._last_beat_s = t_s
 
@@ -428,7 +434,7 @@ class Drive402(CanopenDevice):
         self.model.lose_host()
 
     def live(self, t_s: float) -> None:
-        """Moves the drive on; the host is lost when its heartbeat, once heard, stays away."""
+        """Moves the drive on; the host is lost when its heartbeat, once received, stays away."""
         if self._last_beat_s is not None and t_s - self._last_beat_s > self._silence_s:
             self.model.advance(self._last_beat_s + self._silence_s)
             self._last_beat_s = None

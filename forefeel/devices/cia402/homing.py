@@ -1,4 +1,4 @@
-"""What the calibration of a CiA 402 drive does: home it, and run over its travel. Blocks while it moves."""
+"""Calibration of a CiA 402 drive: homes it and runs over its travel. Blocks while it moves."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -31,21 +31,21 @@ from forefeel.devices.cia402.settings import Cia402Settings
 from forefeel.devices.shared.conversation import Pacer
 from forefeel.devices.shared.stage import PositionScale, Setpoint
 
-# --- What one cycle of a CiA 402 drive that is being homed decides. Pure.
+# --- One cycle of a drive that is being homed. Pure.
 _ANSWER_CYCLES = 3  # readbacks after the start that are not judged, for they may be older than it
 _STATUS = HOMING_ERROR | HOMING_ATTAINED | TARGET_REACHED
 
 
 class HomingCycle:
-    """Enables the drive, begins to home, and sees how it ends.
+    """Enables the drive, starts homing, and judges from the statusword how it ends.
 
     A drive may show that it is homed from the last time, until it has taken the start: where something has to
     move, `done` needs a statusword that said it was not.
 
     Args:
-        cycle: what supervises the drive; its setpoint stays where the drive is.
+        cycle: supervision of the drive; its setpoint stays where the drive is.
         method: of 6098.
-        patience: so many cycles the way may take.
+        patience: cycles that homing may take.
 
     Attributes:
         done: whether the reference has been found, and the drive is at rest.
@@ -58,25 +58,22 @@ class HomingCycle:
         self._moving = False
         self._started = 0
 
-    def step(self, heard: Readback | None, beat: bool, emergency: int | None) -> int:
-        """The controlword; `heard`, `beat`, `emergency`: since the last cycle.
-
-        Raises:
-            DeviceError: a fault of the drive or of the way to it, an error or an end of homing, or it takes
-                too long.
+    def step(self, readback: Readback | None, beat: bool, emergency: int | None) -> int:
+        """Enables the drive, then homes it, and sets `done` at the end; returns the controlword of this
+        cycle. DeviceError: a fault of the drive or of the way to it, of homing, or no end in time.
         """
         machine = self._cycle.machine
-        word = self._cycle.supervise(heard, beat, emergency)
-        if heard is not None:
-            self._cycle.setpoint.restart(heard.position_m)
+        word = self._cycle.supervise(readback, beat, emergency)
+        if readback is not None:
+            self._cycle.setpoint.restart(readback.position_m)
             self._cycle.passive_cycles += machine.phase is Phase.PASSIVE
         if machine.phase is not Phase.FOLLOWING:
             if self._cycle.passive_cycles >= STAND_CYCLES:
                 machine.enable()
             return word
-        if self._started and heard is not None:
+        if self._started and readback is not None:
             self._started += 1
-            self._judge(heard.statusword)
+            self._judge(readback.statusword)
         self._started = self._started or 1
         self._left -= 1
         if self._left < 0 and not self.done:
@@ -84,6 +81,7 @@ class HomingCycle:
         return word | HOMING_START
 
     def _judge(self, statusword: int) -> None:
+        """Sets `done` by the bits of homing; DeviceError for an error or an interruption."""
         status = statusword & _STATUS
         self._begun = self._begun or not status & HOMING_ATTAINED
         self._moving = self._moving or status == 0
@@ -96,9 +94,8 @@ class HomingCycle:
         self.done = self._begun and status == HOMING_ATTAINED | TARGET_REACHED
 
 
-# --- What the calibration of a CiA 402 drive does: home it, and run over its travel. Blocks while it moves.
-_REACH_M = 20e-6
-"""So far it is sent beyond an end of the travel, so that it has been there."""
+# --- The calibration.
+_REACH_M = 20e-6  # m beyond an end of the travel to which it is sent, so that it has been there
 _AT_REST_S = 0.1  # s for which it must stay where it was sent
 _EXTRA_S = 10.0  # s beyond twice the time of the motion itself before it is given up
 _OFF_SWITCH_M = 0.01  # m, longest way off a switch at `zero_velocity_m_s`, for the time that homing may take
@@ -122,11 +119,7 @@ class Cia402Homing:
         self._at = 0.0
 
     def __enter__(self) -> "Cia402Homing":
-        """Connects; nothing moves.
-
-        Raises:
-            DeviceSetupError: it can not be homed as the settings have it.
-        """
+        """Connects; nothing moves. DeviceSetupError: it can not be homed as the settings have it."""
         self._bus = acquire(self._settings.can)
         try:
             with self._device() as (_, device):
@@ -145,7 +138,7 @@ class Cia402Homing:
         self.link.close()
 
     def home(self) -> float:
-        """Homes, and comes into the travel; the position of x = 0 in counts.
+        """Homes, then moves into the travel; returns the position of x = 0 in counts.
 
         Raises:
             DeviceError: a fault on the way, or not there in time; the stage has been stopped.
@@ -167,11 +160,7 @@ class Cia402Homing:
         return self._scale.zero
 
     def travel_ends(self, velocity_m_s: float) -> tuple[float, float]:
-        """Where it has been, in counts: a little beyond both ends of `travel_m`.
-
-        Raises:
-            DeviceError: as `home`.
-        """
+        """Runs a little beyond both ends of `travel_m`; returns the counts there. Raises as `home`."""
         (low_m, high_m), reach_m = self._settings.travel_m, self._reach_m
         first, second = self._go([low_m - reach_m, high_m + reach_m], velocity_m_s)
         return first, second
@@ -182,16 +171,17 @@ class Cia402Homing:
 
     @contextmanager
     def _device(self) -> Iterator[tuple[SharedNetwork, RemoteDevice]]:
+        """Identifies the drive for the length of a block; DeviceError: another serial number than before."""
         settings, serial = self._settings, self.link.serial
         self.link.begin()
         with talking_to(settings.can, settings.node_id, self.link) as (shared, device):
-            device.introduce(cia402.PROFILE)
+            device.identify(cia402.PROFILE)
             if serial not in ("", self.link.serial):
                 raise DeviceError(f"{device.name}: another drive, serial {self.link.serial}")
             yield shared, device
 
     def _require_new_count(self, offset: float) -> None:
-        """It has stopped beside the edge: a count that says otherwise is not the one that we take it for."""
+        """Raises DeviceError for a count that differs from the home offset: it stopped beside the edge."""
         off_m = abs(self._at - offset) / self._settings.counts_per_m
         if off_m > self._settings.following_error_m:
             raise DeviceError(
@@ -202,18 +192,18 @@ class Cia402Homing:
     # --- the mode of homing ---
 
     def _run(self, shared: SharedNetwork) -> None:
-        """The cycles of homing; quick stop at the end of it, whatever that is."""
+        """Runs the cycles of homing until it is done; a quick stop follows in any case."""
         settings, counts = self._settings, PositionScale(0.0, self._per_m)
 
-        def believe(host_ns: int, statusword: int, native: float) -> Readback:
+        def decode(host_ns: int, statusword: int, native: float) -> Readback:
             return Readback(host_ns, statusword, counts.metres(native), 0.0)
 
         period_s = 1.0 / settings.sync_hz
-        standing = Setpoint(period_s, settings.travel_m, settings.max_velocity_m_s, 1.0)
-        cycle = DriveCycle(period_s, settings.heartbeat_s, standing)
+        setpoint = Setpoint(period_s, settings.travel_m, settings.max_velocity_m_s, 1.0)
+        cycle = DriveCycle(period_s, settings.heartbeat_s, setpoint)
         homing = HomingCycle(cycle, settings.homing.method, round(self._longest_s() * settings.sync_hz))
         try:
-            with DriveWire(shared, settings, self.link, self._clock, believe, 0) as wire:
+            with DriveWire(shared, settings, self.link, self._clock, decode, 0) as wire:
                 pacer = Pacer(self._clock, wire.period_ns)
                 while not homing.done:
                     word = homing.step(*wire.take())
@@ -226,7 +216,7 @@ class Cia402Homing:
         self._clock.sleep_until_ns(self._clock.now_ns() + round(pacer.wait_s() * 1e9))
 
     def _longest_s(self) -> float:
-        """Twice the travel in search of the switch, and off it again."""
+        """Time that homing may take: for twice the travel in search of the switch, and off it again."""
         (low_m, high_m), homing = self._settings.travel_m, self._settings.homing
         search_s = 2.0 * (high_m - low_m) / homing.search_velocity_m_s
         return _EXTRA_S + search_s + _OFF_SWITCH_M / homing.zero_velocity_m_s
@@ -234,7 +224,7 @@ class Cia402Homing:
     # --- the way from end to end ---
 
     def _go(self, targets_m: Sequence[float], velocity_m_s: float) -> list[float]:
-        """To one after the other; the positions in counts where it came to rest.
+        """Moves to one target after the other; returns the counts where it came to rest.
 
         The stage stays between where it is and where it is sent, and goes no faster than it is told to.
         """
@@ -244,13 +234,14 @@ class Cia402Homing:
         stage = Cia402Stage(self._settings.model_copy(update=bounds), self._clock, self._scale)
         try:
             stage.open()
-            found = [self._reach(stage, target_m, velocity_m_s) for target_m in targets_m]
+            rests = [self._reach(stage, target_m, velocity_m_s) for target_m in targets_m]
         finally:
             stage.close()
-        self._at = found[-1]
-        return found
+        self._at = rests[-1]
+        return rests
 
     def _reach(self, stage: Cia402Stage, target_m: float, velocity_m_s: float) -> float:
+        """Moves to a target; the count once it rests there for 0.1 s, DeviceError if it takes too long."""
         assert self._scale is not None, "homed before"
         clock, pacer = self._clock, Pacer(self._clock, 10_000_000)
         start_m = stage.read(clock.now_ns()).position_m

@@ -8,11 +8,9 @@ from forefeel.common.errors import DeviceError
 from forefeel.devices.canopen.cia301 import ObjectEntry
 
 PROFILE = 402  # device profile, the lower half of object 1000
-CSP = 8
-"""Mode of operation: cyclic synchronous position."""
+CSP = 8  # mode of operation: cyclic synchronous position (CiA 402)
 CSP_SUPPORTED = 1 << (CSP - 1)
-HOMING = 6
-"""Mode of operation: homing."""
+HOMING = 6  # mode of operation: homing (CiA 402)
 HOMING_SUPPORTED = 1 << (HOMING - 1)
 
 ABORT_OPTION = ObjectEntry(0x6007, 0, "h")
@@ -32,22 +30,20 @@ HOMING_SEARCH_SPEED, HOMING_ZERO_SPEED = ObjectEntry(0x6099, 1, "I"), ObjectEntr
 HOMING_ACCELERATION = ObjectEntry(0x609A, 0, "I")
 SUPPORTED_MODES = ObjectEntry(0x6502, 0, "I")
 
-ABORT_QUICK_STOP = 3
-"""6007: a lost heartbeat is a quick stop; the drive needs no fault reset after it."""
-STAY_IN_QUICK_STOP = 6
-"""605A: slows down on the quick-stop ramp and holds its position in QUICK_STOP_ACTIVE."""
+ABORT_QUICK_STOP = 3  # 6007: a lost heartbeat is a quick stop, after which no fault need be reset (CiA 402)
+STAY_IN_QUICK_STOP = 6  # 605A: slows down on the quick-stop ramp, then holds in QUICK_STOP_ACTIVE (CiA 402)
 
 # commands in the controlword, bits 0 to 3 (CiA 402)
 DISABLE_VOLTAGE, QUICK_STOP, SHUTDOWN, SWITCH_ON, ENABLE = 0x00, 0x02, 0x06, 0x07, 0x0F
 FAULT_RESET = 0x80  # bit 7 of the controlword: its rising edge resets a fault (CiA 402)
 
-NEGATIVE_SWITCH, POSITIVE_SWITCH = 17, 18
-"""6098: onto that limit switch, then off it; its edge is the reference."""
-HERE = frozenset({35, 37})
-"""6098: where it stands is the reference; nothing moves."""
+NEGATIVE_SWITCH, POSITIVE_SWITCH = (
+    17,
+    18,
+)  # 6098: onto that limit switch and off it; its edge is the reference
+HERE = frozenset({35, 37})  # 6098: where it stands is the reference; nothing moves (CiA 402)
 HALT = 1 << 8  # bit of the controlword: interrupts a motion (CiA 402)
-HOMING_START = 1 << 4
-"""Controlword in the mode of homing: the rising edge begins, it ends when the bit falls."""
+HOMING_START = 1 << 4  # controlword in the mode of homing: the rising edge begins, it ends when the bit falls
 TARGET_REACHED, HOMING_ATTAINED, HOMING_ERROR = 1 << 10, 1 << 12, 1 << 13
 """Statusword in the mode of homing; none of them: under way; the first alone: interrupted, or not begun."""
 
@@ -79,7 +75,7 @@ PATTERNS: Mapping[DriveState, tuple[int, int]] = MappingProxyType(
 
 
 def drive_state(statusword: int) -> DriveState | None:
-    """The state that a statusword says; None: no state has such bits."""
+    """State that a statusword shows; None: its bits match none."""
     for state, (mask, bits) in PATTERNS.items():
         if statusword & mask == bits:
             return state
@@ -87,7 +83,7 @@ def drive_state(statusword: int) -> DriveState | None:
 
 
 def interpolation_period(rate_hz: int) -> tuple[int, int] | None:
-    """(value, exponent) of 60C2 for 1 / rate, in ms or tenths of it; None: it can not be said in them."""
+    """(value, exponent) of 60C2 for 1 / rate, in ms or tenths of it; None where neither expresses it."""
     for exponent in (-3, -4):
         value, rest = divmod(10**-exponent, rate_hz)
         if rest == 0 and 1 <= value <= 255:
@@ -113,14 +109,14 @@ _TOWARDS_ENABLED = {
 
 
 class DriveMachine:
-    """The controlword of every cycle.
+    """State machine that answers every statusword with a controlword.
 
     It starts passive: quick stop. `enable` leads a drive without fault to OPERATION ENABLED; only `rearm`
     resets a fault, with one rising edge of bit 7. Any other state than the expected one makes it passive
     again, for good: it never leaves a fault by itself.
 
     Args:
-        patience: so many cycles a reset or an enabling may take.
+        patience: cycles that a reset or an enabling may take.
     """
 
     def __init__(self, patience: int) -> None:
@@ -132,7 +128,7 @@ class DriveMachine:
         self._begin(Phase.ENABLING)
 
     def rearm(self) -> None:
-        """The explicit act: resets a fault if there is one, then enables; from PASSIVE."""
+        """Resets a fault if there is one, then enables; nothing unless PASSIVE."""
         self._begin(Phase.RESETTING)
 
     def stop(self) -> None:
@@ -140,10 +136,8 @@ class DriveMachine:
         self.phase = Phase.PASSIVE
 
     def step(self, statusword: int) -> int:
-        """The controlword that answers this statusword.
-
-        Raises:
-            DeviceError: the drive is not where it ought to be; the machine is passive from now on.
+        """The controlword that answers this statusword. DeviceError: the drive is not where it ought to be;
+        the machine is passive from now on.
         """
         word = self._word(drive_state(statusword), statusword)
         self._bit_7_was_low = not word & FAULT_RESET
@@ -154,11 +148,13 @@ class DriveMachine:
             self.phase, self._left = phase, self._patience
 
     def _word(self, state: DriveState | None, statusword: int) -> int:
+        """Returns the controlword, moves the phase on; DeviceError: the drive is in no expected state."""
         if self.phase is Phase.PASSIVE:
             return QUICK_STOP
         if self.phase is Phase.RESETTING:
             if state in (DriveState.FAULT, DriveState.FAULT_REACTION, None):
-                return self._reset(state)
+                self._wait(state)
+                return FAULT_RESET if state is DriveState.FAULT and self._bit_7_was_low else QUICK_STOP
             self.phase = Phase.ENABLING
         self._expect(state in _TOWARDS_ENABLED, state, statusword)
         assert state is not None
@@ -170,10 +166,6 @@ class DriveMachine:
             self._wait(state)
         return _TOWARDS_ENABLED[state]
 
-    def _reset(self, state: DriveState | None) -> int:
-        self._wait(state)
-        return FAULT_RESET if state is DriveState.FAULT and self._bit_7_was_low else QUICK_STOP
-
     def _wait(self, state: DriveState | None) -> None:
         self._left -= 1
         if self._left < 0:
@@ -184,5 +176,5 @@ class DriveMachine:
         if as_it_must:
             return
         phase, self.phase = self.phase, Phase.PASSIVE
-        said = f"'{state.value}'" if state else f"no known state (statusword {statusword:04X})"
-        raise DeviceError(f"drive in {said} while {phase.value}")
+        actual = f"'{state.value}'" if state else f"no known state (statusword {statusword:04X})"
+        raise DeviceError(f"drive in {actual} while {phase.value}")

@@ -50,6 +50,7 @@ class Cia404LoadCell(QueuedLoadCell):
     # --- the conversation ---
 
     def _converse(self, conversation: Conversation) -> Steps:
+        """Sets the transducer up and exchanges until the conversation ends."""
         settings = self._settings
         with talking_to(settings.can, settings.node_id, self.link) as (shared, device):
             try:
@@ -59,15 +60,17 @@ class Cia404LoadCell(QueuedLoadCell):
                 shared.leave_sync(self)
 
     def _set_up(self, device: RemoteDevice) -> None:
-        device.introduce(cia404.PROFILE)
-        self._scale(device)
+        """Identifies the transducer, switches other TPDOs off, maps the first, and starts it; CONFIGURED."""
+        device.identify(cia404.PROFILE)
+        self._load_scale(device)
         for number in (2, 3, 4):
             device.offer(*pdo_off(True, number, self._settings.node_id))
         device.write_all(self._pdo.parameters())
         device.order(START)
         self.link.advance(LinkState.CONFIGURED)
 
-    def _scale(self, device: RemoteDevice) -> None:
+    def _load_scale(self, device: RemoteDevice) -> None:
+        """Sets scale and calibration by the unit of the device; DeviceSetupError: no unit of force."""
         s, code = self._settings, int(device.read(cia404.UNIT))
         unit_n = cia404.newton_per_unit(code)
         if unit_n is None:
@@ -83,6 +86,7 @@ class Cia404LoadCell(QueuedLoadCell):
         self._force = ForceScale(s.full_scale_n, s.sign, unit_n, self.calibration, watch, self.link.counters)
 
     def _exchange(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> Steps:
+        """Receives readings and emergencies until the conversation ends."""
         alarm = EMERGENCY + device.node
         self._tpdos, self._emergency = 0, 0
         shared.subscribe(self._pdo.can_id, self._on_reading)
@@ -94,19 +98,20 @@ class Cia404LoadCell(QueuedLoadCell):
             shared.unsubscribe(alarm, self._on_emergency)
 
     def _cycles(self, conversation: Conversation, shared: SharedNetwork) -> Steps:
+        """Sends SYNC where it is ours to send; READY at the first TPDO, DeviceError at silence."""
         period_s = 1.0 / self._settings.rate_hz
         patience = max(_SILENT_PERIODS, round(_SILENT_S / period_s))
-        seen, silent, pacer = 0, 0, Pacer(self._clock, round(period_s * 1e9))
+        before, silent, pacer = 0, 0, Pacer(self._clock, round(period_s * 1e9))
         while not conversation.stopping:
             shared.check()
             if shared.sends_sync(self, _RANK):
                 shared.send(SYNC, b"")
-            silent = 0 if self._tpdos != seen else silent + 1
-            seen = self._tpdos
-            self.link.counters["silent_periods"] += bool(silent and seen)
-            shared.tell(self.link)
+            silent = 0 if self._tpdos != before else silent + 1
+            before = self._tpdos
+            self.link.counters["silent_periods"] += bool(silent and before)
+            shared.update_counters(self.link)
             self._judge(silent, patience)
-            if seen and self.link.state is LinkState.CONFIGURED:
+            if before and self.link.state is LinkState.CONFIGURED:
                 self.link.advance(LinkState.READY)
             yield pacer.wait_s()
 
@@ -117,15 +122,16 @@ class Cia404LoadCell(QueuedLoadCell):
             raise DeviceError(f"no TPDO for {silent} periods")
 
     def _on_reading(self, can_id: int, data: bytearray, stamp: float) -> None:
+        """Queues the measurement of a TPDO; counts one of a wrong length."""
         del can_id, stamp
-        found = cia404.measured(self._pdo, data)
-        if found is None:
+        reading = cia404.measured(self._pdo, data)
+        if reading is None:
             self.link.counters["bad_length"] += 1
             return
         self._tpdos += 1
         self.link.counters["tpdos"] += 1
-        value = found.value if isfinite(found.value) else 0.0
-        self._measured(Native(value, self._clock.now_ns(), found.flaws))
+        value = reading.value if isfinite(reading.value) else 0.0
+        self._measured(Native(value, self._clock.now_ns(), reading.flaws))
 
     def _on_emergency(self, can_id: int, data: bytearray, stamp: float) -> None:
         del can_id, stamp

@@ -38,8 +38,8 @@ class Transducer404(CanopenDevice):
         now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._sensor, self._value = sensor, 0.0
-        own = {cia404.PROCESS_VALUE: 0.0, cia404.UNIT: unit, cia404.STATUS: 0}
-        super().__init__(bus, node, {**common_contents(node, cia404.PROFILE, SERIAL), **own}, now_s)
+        objects = {cia404.PROCESS_VALUE: 0.0, cia404.UNIT: unit, cia404.STATUS: 0}
+        super().__init__(bus, node, {**common_contents(node, cia404.PROFILE, SERIAL), **objects}, now_s)
 
     def provoke(self, fault: str) -> None:
         """`stuck`: the value stays and counts as valid; `overrange`; `free` ends both; `unplug`, `plug`."""
@@ -49,6 +49,7 @@ class Transducer404(CanopenDevice):
             super().provoke(fault)
 
     def shown(self, index: int, sub: int) -> float | None:
+        """Process value, or status with the overload; None for any other object."""
         del sub
         if index == cia404.PROCESS_VALUE.index:
             return self._value

@@ -23,16 +23,14 @@ PROCESS_VALUE = ObjectEntry(0x6130, 1, "f")
 UNIT = ObjectEntry(0x6131, 1, "I")
 STATUS = ObjectEntry(0x6150, 1, "B")
 
-NOT_VALID, OVER, UNDER = 1, 2, 4
-"""Bits of 6150."""
+NOT_VALID, OVER, UNDER = 1, 2, 4  # bits of 6150, see above
 _FLAWS = {NOT_VALID: "not_valid", OVER: "overrange", UNDER: "underrange"}
 
-NEWTON = 0x0021_0000
-"""6131 after CiA 303-2: prefix 10^0, numerator 21."""
+NEWTON = 0x0021_0000  # 6131 after CiA 303-2: prefix 10^0, numerator 21
 
 
 def newton_per_unit(code: int) -> float | None:
-    """How many N the unit is; None: it is no unit of force."""
+    """Newtons in the unit; None: it is no unit of force."""
     if code & 0x00FF_FFFF != NEWTON:
         return None
     prefix = code >> 24
@@ -52,13 +50,11 @@ class Measured(NamedTuple):
 
     @property
     def flaws(self) -> tuple[str, ...]:
-        """Why it is not to be believed: `not_valid`, `overrange`, `underrange`, `unknown_status`,
-        `not_a_number`.
-        """
-        found = [name for bit, name in _FLAWS.items() if self.status & bit]
+        """Flaws: `not_valid`, `overrange`, `underrange`, `unknown_status`, `not_a_number`."""
+        flaws = [name for bit, name in _FLAWS.items() if self.status & bit]
         if self.status & ~(NOT_VALID | OVER | UNDER):
-            found.append("unknown_status")
-        return (*found, *(() if isfinite(self.value) else ("not_a_number",)))
+            flaws.append("unknown_status")
+        return (*flaws, *(() if isfinite(self.value) else ("not_a_number",)))
 
 
 def measured(pdo: Pdo, data: bytes | bytearray) -> Measured | None:

@@ -1,4 +1,4 @@
-"""What the YAML file says of a CiA 404 force transducer."""
+"""YAML settings of a CiA 404 force transducer."""
 
 from typing import Annotated, Literal
 

@@ -27,7 +27,7 @@ from forefeel.devices.shared.device_time import DeviceTime
 from forefeel.devices.shared.stream import SerialStream
 from forefeel.master.handle import HandleReading, Indication
 
-# --- The host's half of the exchange with a handle's microcontroller: handshake, then a command for a state.
+# --- The host's half of the exchange: handshake, then a command for each state.
 _ASK_NS = 100_000_000  # ns between two requests for the identity
 _PATIENCE_NS = 1_000_000_000  # ns for the handshake
 _PERIOD_S = 0.001  # s between two states
@@ -58,7 +58,7 @@ _NO_CURRENT = CurrentSetpoint(0, 0)
 
 
 class CoilTalk:
-    """One device after the other on one link; `begin` starts a handshake, `hear` does everything else.
+    """Exchange with one device after the other on one link: `begin` starts a handshake, `hear` does all else.
 
     `hear` runs in one thread. The haptic thread reads `newest` and `pressed_anew`, and sets `setpoint` and
     `shown`: each one reference.
@@ -85,12 +85,12 @@ class CoilTalk:
         self.settled = self.pressed_anew = self._let_go = False
 
     def begin(self, now_ns: int) -> bytes:
-        """A new handshake with whatever is on the line now; what to send first."""
+        """Starts a new handshake with any device on the line; returns bytes to send."""
         self._restart(now_ns)
         return self._ask()
 
     def hear(self, data: bytes, now_ns: int) -> bytes:
-        """Takes what has come (nothing, too); what to send.
+        """Takes the bytes that came, none too; returns bytes to send.
 
         Raises:
             DeviceSetupError: nobody answers, or not the device that is expected.
@@ -100,15 +100,15 @@ class CoilTalk:
         fresh = False
         for frame in self._parser.feed(data):
             if isinstance(frame, CoilIdentity):
-                self._identified(frame)
+                self._take_identity(frame)
             elif isinstance(frame, CoilState):
-                fresh |= self._measured(frame, now_ns)
+                fresh |= self._take_state(frame, now_ns)
         if not self.settled:
             return self._shake(now_ns, fresh)
-        self._require_lively(now_ns)
+        self._require_in_time(now_ns)
         return self._command() if fresh else b""
 
-    def forget_wish(self) -> None:
+    def clear_setpoint(self) -> None:
         self.setpoint = _NO_CURRENT
 
     def farewell(self) -> bytes:
@@ -122,7 +122,8 @@ class CoilTalk:
         watchdog_ms, limit_ma = round(settings.watchdog_s * 1e3), round(settings.max_current_a * 1e3)
         return encode(Identify(PROTOCOL, watchdog_ms, limit_ma))
 
-    def _identified(self, identity: CoilIdentity) -> None:
+    def _take_identity(self, identity: CoilIdentity) -> None:
+        """Checks the identity: IDENTIFIED. DeviceSetupError: another device, protocol or limit."""
         if self._link.state is not LinkState.OPEN:
             return
         port, settings = self._settings.port, self._settings
@@ -149,9 +150,9 @@ class CoilTalk:
         self._link.advance(LinkState.IDENTIFIED)
 
     def _shake(self, now_ns: int, fresh: bool) -> bytes:
-        """On with the handshake: asks again, or has it done with the first state that reports no fault."""
+        """Asks again, or ends the handshake at the first state without fault; returns bytes to send."""
         if now_ns - self._begun_ns > _PATIENCE_NS:
-            raise DeviceSetupError(self._why_not())
+            raise DeviceSetupError(self._refusal())
         if self._link.state is LinkState.OPEN:
             if now_ns - self._asked_ns < _ASK_NS:
                 return b""
@@ -165,7 +166,8 @@ class CoilTalk:
             self.settled = True
         return self._command()
 
-    def _why_not(self) -> str:
+    def _refusal(self) -> str:
+        """Error text for a handshake that has not been done in time."""
         settings = self._settings
         if self.newest is not None and self.newest.state.flags:
             flags = self.newest.state.flags
@@ -176,13 +178,15 @@ class CoilTalk:
             return f"{settings.port}: {_in_words(flags)}; expected a handle without a fault"
         if self._link.state is LinkState.IDENTIFIED:
             return f"{settings.port}: {self._link.identity} sends no states; expected one each ms"
-        heard = f"{self._bytes} bytes, no answer among them" if self._bytes else "no answer"
-        return f"{settings.port}: {heard} at {settings.baud} baud; expected a coil handle (wrong port, baud?)"
+        received = f"{self._bytes} bytes, no answer among them" if self._bytes else "no answer"
+        return (
+            f"{settings.port}: {received} at {settings.baud} baud; expected a coil handle (wrong port, baud?)"
+        )
 
     # --- the exchange ---
 
-    def _measured(self, state: CoilState, now_ns: int) -> bool:
-        """Whether the state is a new one of the device that has been identified."""
+    def _take_state(self, state: CoilState, now_ns: int) -> bool:
+        """Takes over a state; false before IDENTIFIED, and for the last one again. Counts lost frames."""
         if self._link.state < LinkState.IDENTIFIED:
             return False
         before = self.newest
@@ -199,14 +203,15 @@ class CoilTalk:
         return True
 
     def _watch(self, state: CoilState) -> None:
+        """Raises DeviceError for a flag; notices that the deadman was let go and pressed."""
         if state.flags:
             raise DeviceError(_in_words(state.flags))
         pressed = Button.DEADMAN in state.buttons
         self.pressed_anew = pressed and (self.pressed_anew or self._let_go)
         self._let_go = not pressed
 
-    def _require_lively(self, now_ns: int) -> None:
-        """The device, and the haptic loop, which alone may want a current."""
+    def _require_in_time(self, now_ns: int) -> None:
+        """Raises DeviceError for a silent device, or a haptic loop that stands still with a current."""
         assert self.newest is not None
         setpoint, age_ns = self.setpoint, now_ns - self.newest.stamp_ns
         if age_ns > self._watchdog_ns:
@@ -231,11 +236,9 @@ def _in_words(flags: Flag) -> str:
     return "; ".join(named) or f"it reports a fault of number {int(flags)}"
 
 
-# --- The handle with a voice coil and an encoder behind a microcontroller on a serial port.
+# --- The handle port.
 _OPEN_S = 3.0  # s until the link is ready: the second of `_PATIENCE_NS`, and two for opening the port
-# s by which a state is carried on with its velocity: five periods at 1 kHz, after which the hand counts as
-# standing
-_CARRIED_S = 0.005
+_CARRIED_S = 0.005  # s by which a state is carried on with its velocity: five periods; then the hand rests
 _READ_S = 0.25  # of the watchdog's time: how long a read may wait for a byte
 
 
@@ -278,20 +281,20 @@ class CoilHandle:
         self._conversation.start(_OPEN_S)
 
     def close(self) -> None:
-        self._talk.forget_wish()
+        self._talk.clear_setpoint()
         self._conversation.stop()
 
     def rearm(self) -> None:
-        """The explicit act after a fault; no current before the next `render`.
+        """Re-arms the link, the explicit act after a fault; no current before the next `render`.
 
         Raises:
             DeviceError: the handshake has not been done again.
         """
-        self._talk.forget_wish()
+        self._talk.clear_setpoint()
         self.link.rearm()
 
     def read(self, now_ns: int) -> HandleReading:
-        """The newest state, carried on by its velocity for at most 5 ms.
+        """Reading by the newest state, carried on by its velocity for at most 5 ms.
 
         Raises:
             DeviceError: a fault, now or before, that nobody has re-armed after.
@@ -312,7 +315,7 @@ class CoilHandle:
         return HandleReading(position_m, velocity_m_s, pressed, grip, estop=stop)
 
     def render(self, force_n: float, now_ns: int) -> float:
-        """The current of a force, within the limit and to the milliampere; the force of that current.
+        """Sets the current of a force, within the limit and to the milliampere; returns the force of that.
 
         Raises:
             DeviceError: as `read`; there is no force then.
@@ -325,11 +328,11 @@ class CoilHandle:
         return current_ma * 1e-3 * per_ampere
 
     def show(self, indication: Indication) -> None:
-        """On the lamp and the display, with the next command."""
+        """Shows it on the lamp and the display, with the next command."""
         self._talk.shown = indication
 
     def _converse(self, conversation: Conversation) -> Steps:
-        """The device's thread; a fault that the haptic thread found (the link is closed) ends it, too."""
+        """Shakes hands and exchanges until the conversation ends, or the haptic thread closes the link."""
         stream = SerialStream(self._settings, _READ_S * self._settings.watchdog_s)
         try:
             self.link.advance(LinkState.OPEN)

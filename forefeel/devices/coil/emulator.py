@@ -36,8 +36,8 @@ _NO_COMMAND = CoilCommand(0, 0, None, None, False)
 
 @dataclass(frozen=True, slots=True)
 class CoilHardware:
-    """What the device is made of. `peak_a`: what the amplifier gives at most; `sign`: -1 where it counts
-    against the insertion.
+    """Constants of the emulated hardware. `peak_a`: the amplifier's limit; `sign`: -1 where it counts against
+    the insertion.
     """
 
     counts_per_m: float = 1e6
@@ -77,13 +77,14 @@ class CoilDevice:
         self._start(0.0)
 
     def _start(self, t_s: float) -> None:
-        """Power comes on, or the firmware starts anew."""
+        """Starts the firmware, at power or anew."""
         self._started_s, self._sequence = t_s, 0
         self._identified, self._flags = False, Flag(0)
         self._command, self._command_s = _NO_COMMAND, -inf
         self._answer = self._sent = b""
 
     def receive(self, data: bytes, t_s: float) -> None:
+        """Takes requests and commands; nothing while the firmware hangs."""
         if t_s < self._hangs_until_s:
             return
         for frame in self._parser.feed(data):
@@ -116,6 +117,7 @@ class CoilDevice:
                 self._passing, self._passes_s = _PASSING[fault], self._next * _PERIOD_S + _PASSES_S
 
     def _identify(self, request: Identify, t_s: float) -> None:
+        """Answers a request: sets watchdog and current limit, at most its own, and clears latched flags."""
         hardware = self.hardware
         watchdog_ms = min(request.watchdog_ms, hardware.longest_watchdog_ms)
         limit_ma = min(request.limit_ma, round(hardware.peak_a * 1e3))
@@ -127,6 +129,7 @@ class CoilDevice:
         self._answer += encode(CoilIdentity(hardware.protocol, watchdog_ms, limit_ma, *identity))
 
     def _step(self, t_s: float) -> bytes:
+        """Lives for a period; the state as bytes, none before it is identified, the last while it hangs."""
         reading = self._live(t_s)
         if self._hangs_until_s > -inf:
             if t_s < self._hangs_until_s:
@@ -153,12 +156,13 @@ class CoilDevice:
         return self._sent
 
     def _live(self, t_s: float) -> HandleReading:
-        heard = self._identified and t_s - self._command_s <= self._watchdog_s
+        """Sets the current, lets the person feel it and see the lamp, and reads the handle."""
+        in_time = self._identified and t_s - self._command_s <= self._watchdog_s
         command = self._command
         now_ns = round(t_s * 1e9)
         where_m = None if command.stage_um is None else command.stage_um * 1e-6
-        self.person.show(Indication(command.lamp, where_m) if heard else _DARK)
-        self._protect(t_s, heard)
+        self.person.show(Indication(command.lamp, where_m) if in_time else _DARK)
+        self._protect(t_s, in_time)
         hardware = self.hardware
         self.person.render(hardware.sign * self.current_a * hardware.newton_per_ampere, now_ns)
         return self.person.read(now_ns)
@@ -166,9 +170,9 @@ class CoilDevice:
     def _raised(self, t_s: float) -> Flag:
         return self._flags | (self._passing if t_s < self._passes_s else Flag(0))
 
-    def _protect(self, t_s: float, heard: bool) -> None:
+    def _protect(self, t_s: float, in_time: bool) -> None:
         """Sets the current that the firmware permits; WATCHDOG and OVERCURRENT stay until `Identify`."""
-        if self._identified and not heard and Flag.WATCHDOG not in self._flags:
+        if self._identified and not in_time and Flag.WATCHDOG not in self._flags:
             self._flags |= Flag.WATCHDOG
             self.counters["watchdog_trips"] += 1
         allowed = self._command.enabled and not self._raised(t_s)

@@ -19,8 +19,7 @@ from forefeel.common.messages import SafetyState
 
 PROTOCOL = 1  # version of this protocol; a device of another one is refused
 NAME = "forefeel-coil"
-MAX_BUFFER = 512
-"""Bytes without a delimiter that are kept: no frame is as long."""
+MAX_BUFFER = 512  # bytes without a delimiter that are stored: no frame is as long
 
 _CRC = struct.Struct("<H")
 _STATE = struct.Struct("<HIiiBBh")
@@ -57,7 +56,7 @@ class Button(IntFlag):
 
 
 class Flag(IntFlag):
-    """What the device says is wrong; each but NOT_HOMED takes the current away until the next `Identify`."""
+    """Faults of the device; each but NOT_HOMED takes the current away until the next `Identify`."""
 
     WATCHDOG = 1
     OVER_TEMPERATURE = 2
@@ -69,7 +68,7 @@ _BUTTONS, _FLAGS = tuple(map(Button, range(256))), tuple(map(Flag, range(256)))
 
 
 class CoilState(NamedTuple):
-    """What the device measures. `sequence` u16 and `time_us` u32 wrap; `velocity`: counts/s."""
+    """Measurements of the device. `sequence` u16 and `time_us` u32 wrap; `velocity`: counts/s."""
 
     sequence: int
     time_us: int
@@ -81,7 +80,7 @@ class CoilState(NamedTuple):
 
 
 class CoilCommand(NamedTuple):
-    """What the device is to do: current, whether the coil may have any, and what is shown to the person."""
+    """Command to the device: current, whether the coil may have any, and what the person is shown."""
 
     sequence: int
     current_ma: int
@@ -91,7 +90,7 @@ class CoilCommand(NamedTuple):
 
 
 class Identify(NamedTuple):
-    """Who is there? Clears the device's flags and sets when it takes the current away, and its limit."""
+    """Request of the identity. Clears the device's flags; sets its watchdog and its current limit."""
 
     protocol: int
     watchdog_ms: int
@@ -99,7 +98,7 @@ class Identify(NamedTuple):
 
 
 class CoilIdentity(NamedTuple):
-    """The answer; `watchdog_ms`, `limit_ma`: what the device made of the wishes."""
+    """Answer to `Identify`; `watchdog_ms`, `limit_ma`: as the device has set them."""
 
     protocol: int
     watchdog_ms: int
@@ -113,7 +112,7 @@ Frame = CoilState | CoilCommand | Identify | CoilIdentity
 
 
 def encode(frame: Frame) -> bytes:
-    """The frame on the wire; numbers that do not fit are clamped, texts cut to 32 characters."""
+    """Encodes a frame for the wire; clamps numbers that do not fit, cuts texts to 32 characters."""
     match frame:
         case CoilState():
             sequence, time_us = frame.sequence & _MOST_U16, frame.time_us & 0xFFFFFFFF
@@ -131,8 +130,10 @@ def encode(frame: Frame) -> bytes:
         case Identify():
             body, kind = _identify(frame), _Kind.IDENTIFY
         case CoilIdentity():
-            texts = b"".join(_text(text) for text in (frame.name, frame.serial, frame.firmware))
-            body, kind = _identify(frame) + texts, _Kind.IDENTITY
+            names = frame.name, frame.serial, frame.firmware
+            texts = [name.encode("ascii", "replace")[:_MOST_TEXT_BYTES] for name in names]
+            body = _identify(frame) + b"".join(bytes([len(text)]) + text for text in texts)
+            kind = _Kind.IDENTITY
     payload = bytes([kind]) + body
     stuffed: bytes = cobs.encode(payload + _CRC.pack(crc_ccitt_false(payload)))
     return b"\0" + stuffed + b"\0"
@@ -156,6 +157,7 @@ class CoilParser:
         self._skipping = False
 
     def feed(self, data: bytes) -> list[Frame]:
+        """The frames that are complete now, oldest first."""
         *pieces, rest = (bytes(self._buffer) + data).split(b"\0")
         if pieces and self._skipping:
             self._skipping = False
@@ -168,6 +170,7 @@ class CoilParser:
         return frames
 
     def _decode(self, piece: bytes) -> Frame | None:
+        """The frame between two delimiters; None, counted, when it is damaged or unknown."""
         if len(piece) > MAX_BUFFER:
             self._counters["oversized"] += 1
             return None
@@ -206,6 +209,7 @@ def _command(body: bytes) -> CoilCommand:
 
 
 def _identity(body: bytes) -> CoilIdentity:
+    """Decodes an identity; ValueError, IndexError: lengths that are not the body's."""
     texts, at = [], _IDENTIFY.size
     for _ in range(3):
         end = at + 1 + body[at]
@@ -228,11 +232,6 @@ def _identify(frame: Identify | CoilIdentity) -> bytes:
     return _IDENTIFY.pack(
         frame.protocol & 0xFF, min(frame.watchdog_ms, _MOST_U16), min(frame.limit_ma, _MOST_U16)
     )
-
-
-def _text(text: str) -> bytes:
-    raw = text.encode("ascii", "replace")[:_MOST_TEXT_BYTES]
-    return bytes([len(raw)]) + raw
 
 
 def _clamped(value: int, largest: int) -> int:

@@ -1,4 +1,4 @@
-"""What the YAML file says of a voice-coil handle."""
+"""YAML settings of a voice-coil handle."""
 
 from typing import Annotated, Literal
 

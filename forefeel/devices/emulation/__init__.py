@@ -1,1 +1,1 @@
-"""What several emulated devices use."""
+"""Parts that several emulated devices use."""

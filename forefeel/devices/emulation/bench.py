@@ -19,16 +19,16 @@ TRAVEL_M = (-0.004, 0.124)  # m, travel of an emulated stage without a YAML file
 
 @dataclass(slots=True)
 class Load:
-    """What hangs on an emulated load cell, in N; positive where it resists insertion."""
+    """Force on an emulated load cell besides the stage's, in N; positive where it resists insertion."""
 
     force_n: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Surroundings:
-    """What an emulated device is put into.
+    """World around an emulated device.
 
-    `force_link`: the socket between stage and load cell; None: the device stands alone. `load`: what hangs on
+    `force_link`: the socket between stage and load cell; None: the device stands alone. `load`: hangs on
     the cell besides. `now_s`: the time in s of a device that has a `step`.
     """
 
@@ -49,10 +49,10 @@ class SerialBench:
 
 
 class Emulation(NamedTuple):
-    """How the device of a driver is emulated.
+    """Emulation of a driver's device.
 
-    `port_key`: the setting that says where the device is.
-    `defaults`: what the driver's settings are without a YAML file, but for the port. `build`: called with
+    `port_key`: the setting that names the port.
+    `defaults`: the driver's settings without a YAML file, but for the port. `build`: called with
     (settings, surroundings, what is to be closed at the end), returns a `SerialBench`, or a device with
     `faults`, `provoke` and `step(wait_s)`, which waits for its host and lives until now, such as one on CAN.
     """
@@ -63,21 +63,17 @@ class Emulation(NamedTuple):
     port_key: str = "port"
 
     def place(self, port: str) -> dict[str, Any]:
-        """The settings that say that the device is at that port, on CAN that of an slcan adapter."""
+        """The settings that name the port, on CAN that of an slcan adapter."""
         return {"can": {"interface": "slcan", "channel": port}} if self.on_can else {self.port_key: port}
 
     def settings(self, driver: InstalledDriver, port: str) -> DriverSettings:
-        """The settings of the driver without a YAML file.
-
-        Raises:
-            ConfigurationError: a port that can not be one.
-        """
+        """Settings of the driver without a YAML file; ConfigurationError: a port that can not be one."""
         given = {"driver": driver.name, **self.place(port), **self.defaults}
         return checked(driver.driver.settings, given, f"emulate {driver.name}")
 
 
 def moved(around: Surroundings, sign: int, leave: ExitStack) -> Callable[[float, float, float, float], None]:
-    """What an emulated stage calls at every step: the contact moves, the load cell is sent the force."""
+    """Makes the hook of an emulated stage's steps: the contact moves, the load cell is sent the force."""
     contact = ContactSimulation(around.world)
     sender = (
         None if around.force_link is None else leave.enter_context(closing(ForceSender(around.force_link)))
@@ -92,7 +88,7 @@ def moved(around: Surroundings, sign: int, leave: ExitStack) -> Callable[[float,
 
 
 def sensor_of(settings: Any, around: Surroundings, leave: ExitStack) -> EmulatedSensor:  # noqa: ANN401 - of a cell
-    """What measures the force on an emulated load cell, at the rate of its settings."""
+    """Makes the sensor of an emulated load cell: feels the stage's force and the load, at the cell's rate."""
     receiver: ForceReceiver | None = None
     if around.force_link is not None:
         receiver = leave.enter_context(closing(ForceReceiver(around.force_link)))

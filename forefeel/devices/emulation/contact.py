@@ -28,7 +28,7 @@ class ContactSimulation:
         self.force_n = 0.0
 
     def moved(self, t_s: float, x_m: float, v_m_s: float, a_m_s2: float) -> None:
-        """The carriage has moved; between two calls it went straight on with an even acceleration."""
+        """Moves the carriage on, with an even acceleration since the last call; sets `force_n`."""
         last_s, last_m, last_m_s = self._last or (t_s - _STEP_S, x_m, v_m_s)
         steps = max(1, round((t_s - last_s) / _STEP_S))
         dt_s = (t_s - last_s) / steps
@@ -40,7 +40,7 @@ class ContactSimulation:
 
 
 class ForceSender:
-    """Tells the force to the emulated load cell, which may be another process and need not be there."""
+    """Sends the force to the emulated load cell, which may be another process and need not be there."""
 
     def __init__(self, path: Path) -> None:
         self._path = _short(path)
@@ -66,7 +66,7 @@ class ForceReceiver:
         self._force_n = 0.0
 
     def newest_n(self) -> float:
-        """The newest force told; 0 N before the first."""
+        """The newest force received; 0 N before the first."""
         with suppress(BlockingIOError):
             while True:
                 (self._force_n,) = _FORCE.unpack(self._socket.recv(_FORCE.size))

@@ -29,6 +29,7 @@ class Pty:
         self.plug()
 
     def plug(self) -> None:
+        """Opens a new terminal and puts the link to it in place; nothing when it is open."""
         if self._master >= 0:
             return
         if self.link.exists() and not self.link.is_symlink():
@@ -41,6 +42,7 @@ class Pty:
         fresh.replace(self.link)
 
     def unplug(self) -> None:
+        """Removes the link and closes the terminal."""
         with suppress(FileNotFoundError):
             self.link.unlink()
         for end in (self._master, self._slave):
@@ -53,7 +55,7 @@ class Pty:
         return self._master
 
     def read(self, timeout_s: float) -> bytes:
-        """What the host wrote, after waiting for at most `timeout_s`."""
+        """Bytes of the host, after waiting for at most `timeout_s`; empty when there are none."""
         if self._master < 0:
             time.sleep(timeout_s)
             return b""
@@ -62,7 +64,7 @@ class Pty:
         return os.read(self._master, _CHUNK_BYTES)
 
     def write(self, data: bytes) -> None:
-        """To the host; what it does not read is lost once the terminal is full."""
+        """Writes to the host; what it does not read is lost once the terminal is full."""
         while data and self._master >= 0:
             try:
                 data = data[os.write(self._master, data) :]
@@ -88,6 +90,7 @@ class PtyServer:
         self._start_s = time.monotonic()
 
     def step(self) -> None:
+        """Carries bytes both ways, each at the time when it has crossed the wire, and advances the device."""
         data = self._pty.read(self._wait_s())
         t_s = time.monotonic() - self._start_s
         self.to_device.send(data, t_s)
@@ -98,7 +101,7 @@ class PtyServer:
         self._pty.write(self.to_host.arrived(t_s))
 
     def _wait_s(self) -> float:
-        """Until the next bytes arrive at either end, at most a millisecond."""
+        """Time in s until the next bytes arrive at either end, at most a millisecond."""
         t_s = time.monotonic() - self._start_s
         due_s = [wire.next_s - t_s for wire in (self.to_device, self.to_host) if wire.next_s is not None]
         return max(0.0, min([_PERIOD_S, *due_s]))
@@ -108,6 +111,7 @@ class PtyServer:
         return ("unplug", "plug", *self._device.faults)
 
     def provoke(self, fault: str) -> None:
+        """Unplugs or plugs the terminal; passes other faults on to the device."""
         if fault == "unplug":
             self._pty.unplug()
         elif fault == "plug":

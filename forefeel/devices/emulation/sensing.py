@@ -1,4 +1,4 @@
-"""What the elements of every emulated load cell have in common. Pure."""
+"""Sensing element of every emulated load cell. Pure."""
 
 from collections.abc import Callable
 from random import Random
@@ -7,7 +7,7 @@ FAULTS = "stuck", "overrange", "free"
 
 
 class EmulatedSensor:
-    """The element itself, saturated at full scale; `due` measures at the instants of its own rate.
+    """Sensing element, saturated at full scale; `due` measures at the instants of its own rate.
 
     Args:
         feel: the force in N at a time in s.
@@ -37,6 +37,7 @@ class EmulatedSensor:
         self.fault = None if fault == "free" else fault
 
     def measure(self, t_s: float) -> float:
+        """Force in N with noise, within the full scale; the last one again while stuck."""
         most_n = self._full_scale_n
         if self.fault != "stuck":
             force_n = self._feel(t_s) + self._random.gauss(0.0, self._noise_n)
@@ -45,9 +46,9 @@ class EmulatedSensor:
         return self._measured_n
 
     def due(self, t_s: float) -> list[tuple[float, float]]:
-        """The measurements until then that were not taken yet: (when in s, force in N)."""
-        found = []
+        """The measurements until then that were not taken yet: (time in s, force in N)."""
+        measured = []
         while (made_s := (self._count + 1) / self._rate_hz) <= t_s:
             self._count += 1
-            found.append((made_s, self.measure(made_s)))
-        return found
+            measured.append((made_s, self.measure(made_s)))
+        return measured

@@ -16,7 +16,7 @@ class EmulatedDevice(Protocol):
         ...
 
     def advance(self, t_s: float) -> bytes:
-        """Lets the device live up to that time; the bytes that it sends now."""
+        """Advances the device to that time; the bytes that it sends now."""
         ...
 
     def provoke(self, fault: str) -> None:
@@ -33,22 +33,23 @@ class Wire:
         self._under_way: deque[tuple[float, bytes]] = deque()
 
     def send(self, data: bytes, t_s: float) -> None:
-        """A chunk (a frame, a line) is given to the wire."""
+        """Puts a chunk (a frame, a line) on the wire."""
         if data:
             self.carry(data, t_s)
 
     def carry(self, data: bytes, t_s: float, wait_s: float = 0.0) -> None:
-        """Takes bytes `wait_s` after those before them have arrived."""
+        """Puts bytes on the wire `wait_s` after those before them have arrived."""
         self._free_s = max(self._free_s, t_s) + wait_s + len(data) * self.byte_s
         self._under_way.append((self._free_s, data))
 
     def arrived(self, t_s: float) -> bytes:
-        found = bytearray()
+        """Takes the bytes off the wire that have arrived by then."""
+        data = bytearray()
         while self._under_way and self._under_way[0][0] <= t_s:
-            found += self._under_way.popleft()[1]
-        return bytes(found)
+            data += self._under_way.popleft()[1]
+        return bytes(data)
 
     @property
     def next_s(self) -> float | None:
-        """When the next part arrives; None when nothing is under way."""
+        """Time at which the next part arrives; None when nothing is under way."""
         return self._under_way[0][0] if self._under_way else None

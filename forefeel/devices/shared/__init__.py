@@ -1,1 +1,1 @@
-"""What several drivers use."""
+"""Parts that several drivers use."""

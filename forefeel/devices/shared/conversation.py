@@ -13,12 +13,10 @@ from forefeel.common.errors import DeviceError, InputError
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.runtime.realtime import go_before
 
-Steps = Iterator[float]
-"""The steps of an exchange; each value: s until the next one."""
+Steps = Iterator[float]  # the steps of an exchange; each value: s until the next one
 RETRY_S = 0.5  # s from a fault to the next handshake
 _CYCLE_S = 0.1  # s, longest wait that is a cycle: it is kept while the exchange is brought to its end
-_STEPS = 10
-"""Short and paced, so ahead of what computes in this process and in others, and behind the 1 kHz loop."""
+_STEPS = 10  # priority: ahead of what computes, for steps are short and paced; behind the 1 kHz loop
 
 
 class Conversation:
@@ -39,7 +37,7 @@ class Conversation:
         self._thread: threading.Thread | None = None
 
     def start(self, timeout_s: float) -> None:
-        """Starts, and waits until the device is ready.
+        """Starts the thread, and waits until the device is ready.
 
         Raises:
             DeviceError: the first handshake failed, with its reason, or takes too long; the thread has ended.
@@ -56,14 +54,16 @@ class Conversation:
         raise DeviceError(f"{self.link.name}: {first or f'not ready within {timeout_s:g} s'}") from first
 
     def stop(self) -> None:
-        """Has the exchange come to its end and waits for it; idempotent, from any other thread."""
+        """Ends the exchange in order, waits for its thread, closes the link; idempotent, by other threads."""
         self.stopping = True
         self._stop.set()
         self._end()
         self.link.close()
 
     def step(self) -> float | None:
-        """One step of the handshake or the exchange; s until the next one, None: there is none."""
+        """Makes one step; returns s until the next, None at the end. An error is a fault of the link, after
+        which it begins anew; before the first READY it is the end.
+        """
         if self._steps is None and self.stopping:
             return None
         wait_s: float | None = None
@@ -86,7 +86,7 @@ class Conversation:
 
     @property
     def settled(self) -> bool:
-        """Whether the first handshake is done, or failed."""
+        """The first handshake is done, or failed."""
         return self._settled.is_set()
 
     def _begin(self, timeout_s: float) -> None:
@@ -101,6 +101,7 @@ class Conversation:
             thread.join(5.0)
 
     def _run(self) -> None:
+        """Steps until the conversation ends; a wait of more than 0.1 s ends at once with `stop`."""
         go_before(_STEPS)
         while (wait_s := self.step()) is not None:
             if wait_s > _CYCLE_S:
@@ -122,6 +123,7 @@ class Pacer:
         self.missed = 0
 
     def wait_s(self) -> float:
+        """Moves the deadline on by a period, skipping and counting missed ones; returns s until then."""
         now_ns = self._clock.now_ns()
         self._deadline_ns += self._period_ns
         late_ns = now_ns - self._deadline_ns

@@ -1,4 +1,4 @@
-"""When a device made its readings, by the host's clock. Pure."""
+"""Times at which a device made its readings, by the host's clock. Pure."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -36,19 +36,18 @@ class DeviceTime:
         self._stamp_ns: int | None = None
 
     def stamps(self, device_us: Sequence[int], now_ns: int) -> list[int]:
-        """Stamps of the readings that were found at `now_ns` together, increasing, none after `now_ns`.
-
-        Raises:
-            DeviceError: the device's clock jumped: it was reset.
+        """Stamps of readings that came together at `now_ns`: increasing, none after `now_ns`. DeviceError:
+        the device's clock jumped: it was reset.
         """
-        unwrapped = [self._unwrapped(each, now_ns) for each in device_us]
+        unwrapped = [self._unwrapped(t_us, now_ns) for t_us in device_us]
         if not unwrapped:
             return []
         self._learn(now_ns - unwrapped[-1] * 1000, now_ns)
         offset_ns = min(self._least) - self._wire_ns
-        return [self._next(offset_ns + each * 1000, now_ns) for each in unwrapped]
+        return [self._next(offset_ns + t_us * 1000, now_ns) for t_us in unwrapped]
 
     def _unwrapped(self, t_us: int, now_ns: int) -> int:
+        """Device time without wraps, in us; counts missing readings. DeviceError: the clock jumped."""
         if self._last_us is None:
             self._last_us, self._window_ns, self._device_us = t_us, now_ns, t_us
             return t_us
@@ -61,7 +60,7 @@ class DeviceTime:
         return self._device_us
 
     def _ahead_us(self, step_us: int, now_ns: int) -> int:
-        """By how much a reading would come before it can have been made, by the way of all before it.
+        """Time in us by which a reading would come before it was made, by the way of all before it.
 
         Not by the way of the last one: a host that stood still finds what had come before that, late, and
         right behind it what comes now.
@@ -70,6 +69,7 @@ class DeviceTime:
         return (made_ns - now_ns) // 1000
 
     def _learn(self, difference_ns: int, now_ns: int) -> None:
+        """Updates the least difference of arrival and device time, in this window and the last."""
         if not self._least:
             self._least = [difference_ns, difference_ns]
         elif now_ns - self._window_ns >= _WINDOW_NS:
@@ -78,7 +78,7 @@ class DeviceTime:
             self._least[1] = min(self._least[1], difference_ns)
 
     def _next(self, stamp_ns: int, now_ns: int) -> int:
-        """Increasing by at least 1 ns, also where the offset was just learned to be smaller."""
+        """The stamp, at least 1 ns after the one before, also where the offset has just become smaller."""
         if self._stamp_ns is not None:
             stamp_ns = max(stamp_ns, self._stamp_ns + 1)
         self._stamp_ns = min(stamp_ns, now_ns)

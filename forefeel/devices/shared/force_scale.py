@@ -1,4 +1,4 @@
-"""From what a load cell gives to a reading in N that may be believed, or not. Pure."""
+"""Readings in N of a load cell's native values, with their flaws. Pure."""
 
 from collections import Counter
 from typing import NamedTuple
@@ -17,7 +17,7 @@ _NEWEST_WEIGHT = 1 / 50  # weight of the newest reading in the share that turns:
 
 
 class Native(NamedTuple):
-    """A measurement in the cell's own unit, when it was made by the host's clock, and why it is none."""
+    """A measurement in the cell's own unit, its stamp by the host's clock, and its flaws."""
 
     value: float
     stamp_ns: int
@@ -25,7 +25,7 @@ class Native(NamedTuple):
 
 
 class StuckWatch:
-    """Says when one and the same raw value came for a second from a cell that is known to be noisy.
+    """Detects one and the same raw value for a second from a cell that is known to be noisy.
 
     Noise turns: of three values of white noise the middle one is the largest or the least in two of three
     cases. Where less than 0.3 of the last readings (some fifty) turned, the cell may well repeat itself: its
@@ -33,7 +33,7 @@ class StuckWatch:
     """
 
     def __init__(self, noisy: bool) -> None:
-        """`noisy`: whether it is expected before it was seen."""
+        """`noisy`: whether it is expected to be, before any reading."""
         self._share = 1.0 if noisy else 0.0
         self._noisy = noisy
         self._raw: float | None = None
@@ -41,7 +41,7 @@ class StuckWatch:
         self._since_s, self._repeats = 0.0, 0
 
     def take(self, raw: float, t_s: float) -> bool:
-        """Whether this reading only repeats those before it, for too long."""
+        """Takes a reading; true when a noisy cell has only repeated it for a second, and 30 times."""
         if raw == self._raw:
             self._repeats += 1
             return self._noisy and self._repeats >= _FEWEST_REPEATS and t_s - self._since_s >= _LONGEST_S
@@ -51,6 +51,7 @@ class StuckWatch:
         return False
 
     def _changed(self, rising: bool) -> None:
+        """Updates the share of readings that turn, and from it whether the cell is noisy."""
         turned = self._rising is not None and rising is not self._rising
         self._rising = rising
         self._share *= (1.0 - _NEWEST_WEIGHT) ** min(self._repeats, 10_000)
@@ -84,7 +85,7 @@ class ForceScale:
         self._stuck = stuck
 
     def checked(self, native: Native) -> Native:
-        """With the flaws that only show beside the full scale and the measurements before; each counted."""
+        """Adds the flaws that show against the full scale and the measurements before; counts each."""
         flaws, (force_n, raw_n) = native.flaws, self._forces(native.value)
         if max(abs(force_n), abs(raw_n)) > VALID_SHARE * self._full_scale_n:
             flaws = (*flaws, "beyond_full_scale")
@@ -96,7 +97,7 @@ class ForceScale:
         return native if flaws is native.flaws else native._replace(flaws=flaws)
 
     def reading(self, checked: Native) -> LoadCellReading:
-        """What the control loop gets: finite, never more than the full scale."""
+        """Converts a measurement to a reading: finite, never more than the full scale."""
         force_n, raw_n = self._forces(checked.value)
         counts = checked.value if self._newton_per_native is None else raw_n * _MICRONEWTON_PER_N
         return LoadCellReading(
@@ -107,6 +108,6 @@ class ForceScale:
         )
 
     def _forces(self, value: float) -> tuple[float, float]:
-        """In N: the force, and what the cell itself says, 0 where it has no unit."""
+        """(force, value by the cell's own unit; 0 where it has none), in N."""
         raw_n = 0.0 if self._newton_per_native is None else value * self._newton_per_native
         return self._sign * (raw_n if self._calibration is None else self._calibration.force_n(value)), raw_n

@@ -1,4 +1,4 @@
-"""What load cells with a thread of their own share: the port, and the queue from the thread to the loop."""
+"""Load cells with a thread of their own: the port, and the queue from the thread to the loop."""
 
 from collections.abc import Sequence
 
@@ -14,7 +14,7 @@ _QUEUED_READINGS = 4096  # readings that wait for the control loop: 5 s at 800 H
 
 
 class QueuedLoadCell:
-    """Load-cell port; the subclasses say how the conversation goes.
+    """Load-cell port; the subclasses define the conversation.
 
     Attributes:
         link: its state, identity and counters.
@@ -31,11 +31,7 @@ class QueuedLoadCell:
         self._conversation: Conversation | None = None
 
     def open(self) -> None:
-        """Starts the conversation; returns when the cell is ready.
-
-        Raises:
-            DeviceSetupError: it is not the cell that the settings describe.
-        """
+        """Starts the conversation unless it runs. DeviceSetupError: not the cell that the settings name."""
         if self._conversation is None:
             conversation = Conversation(self.link, self._converse)
             conversation.start(self._open_s())
@@ -52,11 +48,7 @@ class QueuedLoadCell:
             self._conversation = None
 
     def rearm(self) -> None:
-        """Permits readings again; what was measured before is discarded.
-
-        Raises:
-            DeviceError: the cell has not come back yet.
-        """
+        """Permits readings again, and discards those before. DeviceError: the cell has not come back yet."""
         if self.link.inhibited is not None:
             self.link.counters["discarded"] += len(self._queue.drain())
             self.link.rearm()
@@ -67,23 +59,23 @@ class QueuedLoadCell:
         self.link.require_ready()
         if self._native or self._force is None:
             raise DeviceError(f"{self.link.name}: opened for its native readings")
-        return [self._force.reading(each) for each in self._queue.drain()]
+        return [self._force.reading(native) for native in self._queue.drain()]
 
     def read_native(self, now_ns: int) -> Sequence[NativeReading]:
         """The readings since the last call of a cell that `open_native` opened."""
         del now_ns
         self.link.require_ready()
-        return [NativeReading(each.value, not each.flaws, each.stamp_ns) for each in self._queue.drain()]
+        return [NativeReading(m.value, not m.flaws, m.stamp_ns) for m in self._queue.drain()]
 
     def _open_s(self) -> float:
-        """How long opening may take, in s."""
+        """Time in s that opening may take."""
         raise NotImplementedError
 
     def _converse(self, conversation: Conversation) -> Steps:
         raise NotImplementedError
 
     def _measured(self, native: Native) -> None:
-        """Hands a measurement over to the control loop; from the thread that received it."""
+        """Checks a measurement and queues it for the control loop, unless inhibited."""
         assert self._force is not None
         self.link.exchanged()
         checked = self._force.checked(native)

@@ -1,4 +1,4 @@
-"""What load cells on a serial port share: handshake, the thread that reads, silence, faults, re-arming."""
+"""Load cells on a serial port: handshake, the thread that reads, silence, faults, re-arming."""
 
 from datetime import date
 from typing import Generic, TypeVar
@@ -22,7 +22,7 @@ _LEAST_SILENCE_S = 0.05
 
 
 class Cell:
-    """What a cell says from one handshake to the next, as measurements. No I/O; time is an argument.
+    """Protocol of a cell from one handshake to the next: bytes in, measurements out. No I/O.
 
     Attributes:
         expected: what should come, with its baud: `Bota frames at 460800 baud`.
@@ -41,16 +41,12 @@ class Cell:
         raise NotImplementedError
 
     def due(self, now_ns: int) -> bytes:
-        """What it is to be sent now."""
+        """Bytes to send now."""
         del now_ns
         return b""
 
     def take(self, data: bytes, now_ns: int) -> list[Native]:
-        """The measurements in what came, oldest first.
-
-        Raises:
-            DeviceError: the cell was reset.
-        """
+        """The measurements in the bytes that came, oldest first; DeviceError: the cell was reset."""
         raise NotImplementedError
 
 
@@ -90,18 +86,20 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
     # --- the conversation, in its own thread ---
 
     def _converse(self, conversation: Conversation) -> Steps:
+        """Opens the port, identifies the cell, checks its rate, and reads until the conversation ends."""
         cell = self._cell()
         stream = SerialStream(self._settings, cell.wait_s)
         try:
             self.link.advance(LinkState.OPEN)
             self._force = self._calibrated()
             yield from self._identified(conversation, stream, cell)
-            yield from self._at_its_rate(conversation, stream, cell)
+            yield from self._measure_rate(conversation, stream, cell)
             yield from self._exchange(conversation, stream, cell)
         finally:
             stream.close()
 
     def _calibrated(self) -> ForceScale:
+        """Loads the calibration, unless opened for native readings; raises for another device or file."""
         serial, path = self._serial(), self._settings.calibration
         if self.link.serial not in ("", serial):
             raise DeviceError(
@@ -124,18 +122,19 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
 
     def _serial(self) -> str:
         """The serial number of the port, else that of the settings, else an empty text."""
-        found, given = port_serial(self._settings.port), self._settings.serial
-        if found and given not in (None, found):
+        attached, given = port_serial(self._settings.port), self._settings.serial
+        if attached and given not in (None, attached):
             raise DeviceSetupError(
-                f"{self.link.name}: serial = {given!r}: expected {found!r}, the port's own, or none"
+                f"{self.link.name}: serial = {given!r}: expected {attached!r}, the port's own, or none"
             )
-        return found or given or ""
+        return attached or given or ""
 
     def _identified(self, conversation: Conversation, stream: SerialStream, cell: Cell) -> Steps:
+        """Reads until the first measurement: IDENTIFIED. DeviceSetupError: none comes in time."""
         start_ns, came = self._clock.now_ns(), 0
         patience_s = _identify_s(cell, self._settings.rate_hz)
         while self.link.state < LinkState.IDENTIFIED and not conversation.stopping:
-            data = self._heard(stream, cell)
+            data = self._transfer(stream, cell)
             now_ns = self._clock.now_ns()
             came += len(data)
             if cell.take(data, now_ns):
@@ -145,11 +144,11 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
                 raise DeviceSetupError(self._unidentified(came, patience_s, cell))
             yield 0.0
 
-    def _at_its_rate(self, conversation: Conversation, stream: SerialStream, cell: Cell) -> Steps:
-        """Measures the rate until it is that of the settings: the cell is ready."""
+    def _measure_rate(self, conversation: Conversation, stream: SerialStream, cell: Cell) -> Steps:
+        """Reads until the rate is that of the settings: READY. DeviceSetupError: it is not in time."""
         start_ns, rate_hz = self._clock.now_ns(), self._settings.rate_hz
         while not conversation.stopping:
-            cell.take(self._heard(stream, cell), self._clock.now_ns())
+            cell.take(self._transfer(stream, cell), self._clock.now_ns())
             measured_hz = self.measured_hz = cell.measured_hz
             if measured_hz is not None and abs(measured_hz - rate_hz) <= _RATE_TOLERANCE * rate_hz:
                 self.link.advance(LinkState.CONFIGURED)
@@ -164,29 +163,31 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
             yield 0.0
 
     def _exchange(self, conversation: Conversation, stream: SerialStream, cell: Cell) -> Steps:
+        """Hands over measurements until the conversation ends; DeviceError: none for too long."""
         last_ns, since = self._clock.now_ns(), 0
         while not conversation.stopping:
-            silent_ns = self._clock.now_ns() - last_ns  # before reading: a host that was busy finds bytes
-            data = self._heard(stream, cell)
+            silent_ns = self._clock.now_ns() - last_ns  # before reading: a host that was busy gets bytes
+            data = self._transfer(stream, cell)
             now_ns = self._clock.now_ns()
-            found = cell.take(data, now_ns)
+            measurements = cell.take(data, now_ns)
             since += len(data)
-            if found:
+            if measurements:
                 last_ns, since = now_ns, 0
             elif silent_ns > self._silence_ns:
                 what = f"{since} bytes, but none of the {cell.expected}" if since else "nothing"
                 raise DeviceError(f"{self.link.name}: {what} for {silent_ns * 1e-6:.0f} ms")
-            for native in found:
+            for native in measurements:
                 self._measured(native)
             yield 0.0
 
-    def _heard(self, stream: SerialStream, cell: Cell) -> bytes:
-        asked = cell.due(self._clock.now_ns())
-        if asked:
-            stream.write(asked)
+    def _transfer(self, stream: SerialStream, cell: Cell) -> bytes:
+        request = cell.due(self._clock.now_ns())
+        if request:
+            stream.write(request)
         return stream.read()
 
     def _unidentified(self, came: int, patience_s: float, cell: Cell) -> str:
+        """Error text: nothing came, or bytes that are none of the cell's."""
         where, expected = self._settings.port, cell.expected
         if not came:
             what = f"nothing comes within {patience_s:.2g} s"

@@ -1,4 +1,4 @@
-"""How a device is reached, and which way it counts."""
+"""Settings of a device's port or bus, and of its scale."""
 
 from typing import Annotated, Literal
 
@@ -10,8 +10,7 @@ from forefeel.common.settings import ExistingFile
 from forefeel.slave.load_cell import FullScale, LoadCellDriverSettings
 from forefeel.slave.stage import StageDriverSettings, Travel
 
-Sign = Literal[1, -1]
-"""-1 where the device counts against the insertion."""
+Sign = Literal[1, -1]  # -1 where the device counts against the insertion
 
 
 class SerialSettings(Settings):
@@ -31,8 +30,7 @@ class CanSettings(Settings):
     bitrate: Annotated[int, Field(ge=10_000, le=1_000_000)] = 1_000_000
 
 
-NodeId = Annotated[int, Field(ge=1, le=126)]
-"""Of a CANopen device; 127 is the host's heartbeat."""
+NodeId = Annotated[int, Field(ge=1, le=126)]  # of a CANopen device; 127 is the host's heartbeat
 
 
 class CellSettings(LoadCellDriverSettings):

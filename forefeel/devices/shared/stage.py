@@ -1,4 +1,4 @@
-"""What the stage drivers share: native units, setpoints, the way from the control loop to the thread."""
+"""Parts of the stage drivers: native units, setpoints, the way from the control loop to the thread."""
 
 from datetime import date
 from threading import Lock
@@ -27,25 +27,23 @@ class PositionScale(NamedTuple):
 
 
 def calibrated(settings: ScaledStageSettings, serial: str) -> tuple[StageCalibration | None, PositionScale]:
-    """The calibration that the settings name, and the scale: of it if there is one, else of the settings.
-
-    Raises:
-        DeviceSetupError: it is of another device, out of date, or does not fit the settings.
+    """Loads the calibration that the settings name, None without one; and the scale: its, else the settings'.
+    DeviceSetupError: it is of another device, out of date, or does not fit the settings.
     """
     path, native_per_m = settings.calibration, settings.native_per_m
     if path is None:
         return None, PositionScale(0.0, settings.sign * native_per_m)
     try:
-        found = stage_calibration(
+        calibration = stage_calibration(
             path, settings.driver, serial, date.today(), settings.travel_m, native_per_m
         )
     except ConfigurationError as error:
         raise DeviceSetupError(str(error)) from error
-    return found, PositionScale(found.zero, settings.sign * found.native_per_m)
+    return calibration, PositionScale(calibration.zero, settings.sign * calibration.native_per_m)
 
 
 class Wanted(NamedTuple):
-    """Where the stage is to be at a stamp of the host's clock, and how fast it is to move there."""
+    """Target position and velocity of the stage at a stamp of the host's clock."""
 
     position_m: float
     velocity_m_s: float
@@ -53,11 +51,11 @@ class Wanted(NamedTuple):
 
 
 class Setpoint:
-    """Moves towards what is asked with a bounded velocity, within the travel; never jumps.
+    """Position that follows a target with a bounded velocity, within the travel; never jumps.
 
     Args:
         period_s: of the cycle.
-        travel_m: where it may go; a drive that starts outside is only led back.
+        travel_m: its range; a drive that starts outside is only led back.
         max_velocity_m_s: the most that it moves.
         deceleration_m_s2: with which `hold` comes to rest.
     """
@@ -88,7 +86,7 @@ class Setpoint:
         self.velocity_m_s = step_m / self._period_s
 
     def hold(self) -> None:
-        """One cycle of coming to rest, and staying."""
+        """Slows down for one cycle, or stays at rest; within the travel."""
         v = self.velocity_m_s
         v = max(0.0, v - self._brake_m_s) if v > 0.0 else min(0.0, v + self._brake_m_s)
         free_m = self.position_m + v * self._period_s
@@ -98,7 +96,7 @@ class Setpoint:
 
 
 class SetpointMailbox:
-    """The newest setpoint, or hold. A hold goes before every setpoint until the drive has acknowledged it."""
+    """Newest setpoint, or hold. A hold goes before every setpoint until the drive has acknowledged it."""
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -110,17 +108,17 @@ class SetpointMailbox:
             self._setpoint = setpoint
 
     def hold(self) -> None:
-        """Forgets the setpoint; the drive is to be stopped if it had been given one."""
+        """Drops the setpoint; a stop is due if there was one."""
         with self._lock:
             self._stop_due = self._stop_due or self._setpoint is not None
             self._setpoint = None
 
     def now(self) -> tuple[bool, Wanted | None]:
-        """(whether a stop is due, the newest setpoint; None: hold)."""
+        """(a stop is due, the newest setpoint; None: hold)."""
         with self._lock:
             return self._stop_due, self._setpoint
 
     def stopped(self) -> None:
-        """The drive has acknowledged the stop. No setpoint was sent since it was."""
+        """Clears the stop, which the drive has acknowledged. No setpoint was sent since it was."""
         with self._lock:
             self._stop_due = False

@@ -43,6 +43,7 @@ class SerialStream:
             raise DeviceSetupError(_why_not(settings, error)) from error
 
     def read(self) -> bytes:
+        """Waits for the first byte, at most `timeout_s`; up to 4 KiB, empty when none came."""
         try:  # past pyserial's read, which takes three times the system calls for a frame each millisecond
             number = self._serial.fileno()
             if not select.select([number], [], [], self.timeout_s)[0]:
@@ -55,6 +56,7 @@ class SerialStream:
         return data
 
     def write(self, data: bytes) -> None:
+        """Writes all; DeviceError when the port takes no bytes for 0.5 s, or is gone."""
         try:  # past pyserial's write, which fails after all is written when the process was frozen meanwhile
             number = self._serial.fileno()
             while data:
@@ -70,7 +72,7 @@ class SerialStream:
 
 
 def latency_warning(port: str, devices: Path = _USB_SERIAL) -> str | None:
-    """What to do about a slow latency timer of an FTDI adapter, which delays every answer; None: nothing."""
+    """Advice on a slow latency timer of an FTDI adapter, which delays every answer; else None."""
     try:
         timer_ms = int((devices / Path(os.path.realpath(port)).name / "latency_timer").read_text())
     except (OSError, ValueError):
@@ -81,6 +83,7 @@ def latency_warning(port: str, devices: Path = _USB_SERIAL) -> str | None:
 
 
 def _why_not(settings: SerialSettings, error: BaseException) -> str:
+    """Error text for a port that can not be opened: missing, busy, not permitted, or else."""
     port, text = settings.port, str(error)
     if not Path(port).exists():
         return f"{port}: no such port; expected one that `forefeel devices` lists"
@@ -98,7 +101,7 @@ def _short(error: BaseException) -> str:
 def port_serial(port: str) -> str:
     """The serial number of the USB adapter or device behind a port; empty where it has none."""
     device = os.path.realpath(port)
-    for each in list_ports.comports():
-        if each.device == device and each.serial_number:
-            return str(each.serial_number)
+    for adapter in list_ports.comports():
+        if adapter.device == device and adapter.serial_number:
+            return str(adapter.serial_number)
     return ""

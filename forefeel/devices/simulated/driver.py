@@ -53,7 +53,7 @@ class SimulatedStage(SimulatedDevice):
         self._opened_world().hold()
 
     def read(self, now_ns: int) -> StageReading:
-        """The world begins with the load cell in the slave's first tick, which the first force dates."""
+        """Readback at now; the world begins with the load cell in the slave's first tick, not here."""
         world = self._opened_world()
         if world.start_ns is not None:
             world.advance(now_ns)

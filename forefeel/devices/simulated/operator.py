@@ -28,7 +28,7 @@ class Act(Enum):
 
 
 class SimulatedOperatorPolicy:
-    """Decides from what is shown.
+    """Deadman of a person, by what the display shows.
 
     Attributes:
         act: what the person does now.
@@ -47,7 +47,7 @@ class SimulatedOperatorPolicy:
         return self.act is not Act.WAITING
 
     def look(self, now_s: float, state: SafetyState | None, aligned: bool = True) -> None:
-        """One glance at the display; nobody presses before the hand is `aligned` with the stage."""
+        """Decides on the deadman by the display; nobody presses before the hand is at the stage (aligned)."""
         elapsed_s = now_s - (self._previous_s if self._previous_s is not None else now_s)
         self._previous_s = now_s
         if self._chosen:
@@ -72,7 +72,7 @@ class SimulatedOperatorPolicy:
         self.act, self._since_s = act, now_s
 
 
-# --- What the simulated handles have in common: a person, what the person sees, the time between two reads.
+# --- Base of the simulated handles: a person, what the person sees, the time between two reads.
 _MAX_STEP_S = 0.05  # s that the person moves at most between two reads
 
 
@@ -172,7 +172,7 @@ class Arm:
         self.position_m, self.velocity_m_s = position_m, 0.0
 
     def advance(self, reference_m: float, reference_m_s: float, force_n: float, dt_s: float) -> None:
-        """Moves on by dt under a reference and a force of the handle that resists insertion."""
+        """Moves hand and velocity on by dt, under a reference and a force that resists insertion."""
         steps = max(1, int(dt_s / 0.5e-3 + 0.999))
         h = dt_s / steps
         for _ in range(steps):
@@ -212,6 +212,7 @@ class Operator(SimulatedHandle):
         return force_n
 
     def read(self, now_ns: int) -> HandleReading:
+        """Lets the person look, plan and move up to now; the handle follows the arm."""
         dt_s = self._step_s(now_ns)
         was = self.person.act
         aligned = self._reach_s >= self._reach.duration_s
@@ -224,9 +225,7 @@ class Operator(SimulatedHandle):
         return HandleReading(self._arm.position_m, self._arm.velocity_m_s, self.person.pressed, self._gripper)
 
     def _plan(self, was: Act, dt_s: float) -> None:
-        """What the hand aims at: the stage while it waits, the next stroke when the one before is done or was
-        cut off.
-        """
+        """Aims the hand at the stage while it waits, at the next stroke once the last is done or cut off."""
         act, stage_m = self.person.act, self._indication.stage_position_m
         self._reach_s += dt_s
         if act is Act.WAITING and stage_m is not None and self._reach.end_m != stage_m:
@@ -241,7 +240,7 @@ class Operator(SimulatedHandle):
         self._reach_s = 0.0
 
     def _next_stroke(self) -> None:
-        """Alternates insertion and withdrawal; depth, pace and dwell vary by a fifth, as a person's do."""
+        """Begins insertion and withdrawal in turn; depth, pace and dwell vary by a fifth, like a person's."""
         settings, rng = self._settings, self._rng
         inward = self._stroke % 2 == 0
         self._stroke += 1

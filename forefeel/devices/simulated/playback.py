@@ -33,7 +33,7 @@ class RecordedMotion:
             raise RecordingError(f"{recording.source}: no two samples within {GAP_S:g} s, nothing to play")
 
     def at(self, t_s: float) -> tuple[float, float]:
-        """Linear interpolation; the velocity is that of the interval, at the end of a piece the last one."""
+        """(position m, velocity m/s) by linear interpolation; at the end of a piece by its last interval."""
         i = bisect_right(self._time_s, t_s) - 1
         i = max(0, i - (i in self._last))
         t0, x0 = self._time_s[i], self._position_m[i]
@@ -61,6 +61,7 @@ class Playback(SimulatedHandle):
         return force_n
 
     def read(self, now_ns: int) -> HandleReading:
+        """Position up to now: at the stage until armed, then on the way to the piece, then in it."""
         dt_s = self._step_s(now_ns)
         self.person.look(now_ns * 1e-9, self._indication.state)
         if self.finished or self.person.act is not Act.MOVING:
@@ -70,7 +71,7 @@ class Playback(SimulatedHandle):
         return self._go_to_start(dt_s) or self._play(now_ns, dt_s)
 
     def _wait(self) -> HandleReading:
-        """Aligned with the stage, so that arming moves nothing."""
+        """Reading at the stage while the person waits, so that arming moves nothing; drops the approach."""
         self._approach = None
         if self.person.act is Act.WAITING and self._indication.stage_position_m is not None:
             self._position_m = self._indication.stage_position_m
@@ -83,6 +84,7 @@ class Playback(SimulatedHandle):
         self._approach_s = 0.0
 
     def _go_to_start(self, dt_s: float) -> HandleReading | None:
+        """Reading on the way to the start of the piece; None once it is there."""
         assert self._approach is not None
         self._approach_s += dt_s
         if self._approach_s > self._approach.duration_s:
@@ -98,6 +100,7 @@ class Playback(SimulatedHandle):
         return HandleReading(self._position_m, velocity_m_s, True, recording_time_s=self._play_s)
 
     def _end_piece(self, now_ns: int) -> HandleReading:
+        """Releases the deadman and goes on to the next piece; `finished` after the last."""
         self._piece += 1
         self.person.release(now_ns * 1e-9)
         if self._piece == len(self._motion.pieces):
@@ -108,6 +111,6 @@ class Playback(SimulatedHandle):
 
 
 def make_recorded(settings: RecordedHandleSettings, _clock: Clock) -> Playback:
-    """Raises RecordingError for a recording that can not be used."""
+    """Loads the recording of the settings; RecordingError when it can not be used."""
     recording = load_recording(settings.recording, settings.columns.mapping() if settings.columns else None)
     return Playback(RecordedMotion(recording), settings.approach_m_s)

@@ -66,7 +66,7 @@ def _reading(force_n: float) -> LoadCellReading:
 
 
 def make_load_cell(settings: RecordedLoadCellSettings, _clock: Clock) -> RecordedLoadCell:
-    """Raises RecordingError for a recording without a force."""
+    """Loads the recording of the settings; RecordingError when it has no force."""
     recording = load_recording(settings.recording, settings.columns.mapping() if settings.columns else None)
     if recording.force_n is None:
         raise RecordingError(f"{settings.recording}: no force column; expected one for a recorded load cell")

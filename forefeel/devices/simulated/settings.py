@@ -1,4 +1,4 @@
-"""What the YAML file says of devices without hardware."""
+"""YAML settings of devices without hardware."""
 
 from typing import Annotated, ClassVar, Literal
 

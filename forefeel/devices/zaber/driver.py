@@ -33,7 +33,7 @@ from forefeel.slave.stage import StageReading, require_finite
 
 T = TypeVar("T")
 
-# --- Commands to a Zaber device and its replies, over a byte stream. One thread.
+# --- Commands and replies, over a byte stream. One thread.
 _SLACK_S = 0.05  # of the device, the adapter and the host, beside the bytes' own time
 _BITS_PER_BYTE = 10  # bits of a byte on the wire: start, eight data bits, stop
 _USUAL_REPLY_BYTES = 40  # bytes of a reply, for the time that it is waited for
@@ -44,7 +44,7 @@ _MOST_ASKED = 20
 
 
 class Timed(NamedTuple, Generic[T]):
-    """A value, and when the host had it."""
+    """A value, and the host's stamp of it."""
 
     host_ns: int
     value: T
@@ -63,7 +63,7 @@ class RejectedError(DeviceError):
 
 
 class ZaberTalk:
-    """One device and one of its axes.
+    """Commands to one device and one of its axes.
 
     Attributes:
         parser: what it dropped tells a wrong baud rate from silence.
@@ -83,11 +83,8 @@ class ZaberTalk:
         self.others: set[int] = set()
 
     def ask(self, text: str, axis: int | None = None, tries: int = _MOST_ASKED) -> str:
-        """The data of the reply; a lost one is asked for again.
-
-        Raises:
-            SilenceError: no answer that often.
-            RejectedError: the device does not take it.
+        """Sends a command, again when no reply comes; returns the data of the reply. SilenceError: no answer
+        that often. RejectedError: the device does not take it.
         """
         for _ in range(tries):
             (reply,) = self.exchange([text], axis, patient=True)
@@ -118,17 +115,14 @@ class ZaberTalk:
     def exchange(
         self, texts: Sequence[str], axis: int | None = None, patient: bool = False
     ) -> list[Timed[Reply] | None]:
-        """Sends commands in one go; their replies, None where none came in time.
-
-        Raises:
-            SilenceError: nothing came three times in a row (unless `patient`).
-            DeviceError: the device is gone.
+        """Sends commands in one go and waits; their replies, None where none came in time. SilenceError:
+        nothing came three times in a row (unless `patient`). DeviceError: the device is gone.
         """
         sent_ns, ids = self._clock.now_ns(), self.post(texts, axis)
-        found = self._collect(ids, sent_ns)
-        replies = [found.get(each) for each in ids]
+        received = self._collect(ids, sent_ns)
+        replies = [received.get(message_id) for message_id in ids]
         self._counters["lost_replies"] += replies.count(None)
-        self._silent = 0 if found else self._silent + 1
+        self._silent = 0 if received else self._silent + 1
         if self._silent >= _MOST_SILENT and not patient:
             raise SilenceError(f"{self._name}: no answer {_MOST_SILENT} times in a row")
         return replies
@@ -143,11 +137,11 @@ class ZaberTalk:
         return [message_id for message_id, _ in lines]
 
     def _collect(self, ids: Sequence[int], sent_ns: int) -> dict[int, Timed[Reply]]:
-        """By message id, each stamped half way between question and answer."""
+        """Reads until all replies have come or time is up; by message id, stamped half way from `sent_ns`."""
         wire_s = (self._sent + _USUAL_REPLY_BYTES * len(ids)) * self._byte_s
         deadline_ns = sent_ns + int((wire_s + _SLACK_S) * 1e9)
-        found: dict[int, Timed[Reply]] = {}
-        while len(found) < len(ids):
+        received: dict[int, Timed[Reply]] = {}
+        while len(received) < len(ids):
             replies = self.parser.feed(self._stream.read())
             now_ns = self._clock.now_ns()
             for reply in replies:
@@ -157,11 +151,11 @@ class ZaberTalk:
                 elif reply.message_id is None or reply.message_id not in ids:
                     self._counters["unexpected_replies"] += 1
                 else:
-                    found[reply.message_id] = Timed((sent_ns + now_ns) // 2, reply)
+                    received[reply.message_id] = Timed((sent_ns + now_ns) // 2, reply)
             if now_ns >= deadline_ns:
                 break
         self._count_dropped()
-        return found
+        return received
 
     def _count_dropped(self) -> None:
         fresh = self.parser.dropped - self._dropped
@@ -170,7 +164,7 @@ class ZaberTalk:
             self._dropped = self.parser.dropped.copy()
 
 
-# --- The handshake with a Zaber stage: who it is, how it is set up, whether it knows where it is.
+# --- The handshake: identity, set-up, reference.
 _ROUNDING = 1.0  # microsteps
 
 
@@ -190,7 +184,7 @@ def link_name(settings: ZaberSettings) -> str:
 
 
 def connect(settings: ZaberSettings, clock: Clock, link: DeviceLink, stream: SerialStream) -> ConfiguredStage:
-    """From an open stream to a stage that has been identified and set up; nothing moves.
+    """Identifies the stage behind an open stream and sets it up; nothing moves.
 
     Raises:
         DeviceSetupError: silent, another device, wrong baud rate, no checksums, a limit that it does not
@@ -223,7 +217,7 @@ def require_travel(device: ConfiguredStage, settings: ZaberSettings) -> None:
 
 
 def require_homed(talk: ZaberTalk, link: DeviceLink) -> None:
-    """Raises DeviceSetupError for a stage that does not know where it is: absolute targets mean nothing."""
+    """Raises DeviceSetupError for a stage that has no reference: absolute targets mean nothing."""
     unhomed = sorted(UNHOMED & set(flags(talk)))
     if unhomed:
         raise DeviceSetupError(
@@ -232,11 +226,7 @@ def require_homed(talk: ZaberTalk, link: DeviceLink) -> None:
 
 
 def clear_faults(talk: ZaberTalk, link: DeviceLink) -> None:
-    """Acknowledges old faults; to be called on an explicit act only.
-
-    Raises:
-        DeviceSetupError: one that stays.
-    """
+    """Acknowledges old faults; to be called on an explicit act only. DeviceSetupError: one that stays."""
     talk.ask("warnings clear")
     if DRIVER_OFF & set(flags(talk)):
         talk.ask("driver enable")
@@ -251,7 +241,7 @@ def flags(talk: ZaberTalk) -> list[str]:
 
 
 def _identify(talk: ZaberTalk, settings: ZaberSettings, link: DeviceLink) -> str:
-    """The serial number; read with checksums, as everything but the first answer is."""
+    """Turns checksums on and reads the identity into the link; returns the serial number."""
     try:
         device_id = _device_id(talk)
     except SilenceError as error:
@@ -270,17 +260,19 @@ def _device_id(talk: ZaberTalk) -> str:
 
 
 def _why_silent(talk: ZaberTalk, settings: ZaberSettings) -> str:
+    """Error text: answers of another device, bytes that are no Zaber ASCII, or silence."""
     expected = f"expected Zaber device {settings.device} in ASCII at {settings.baud} baud"
     if talk.others:
-        found = f"answers come from device {min(talk.others)}"
+        cause = f"answers come from device {min(talk.others)}"
     elif talk.parser.dropped.total():
-        found = "bytes that are no Zaber ASCII: another device, or another baud rate"
+        cause = "bytes that are no Zaber ASCII: another device, or another baud rate"
     else:
-        found = "silence: no power, another baud rate, or another device"
-    return f"{link_name(settings)}: {found}; {expected}"
+        cause = "silence: no power, another baud rate, or another device"
+    return f"{link_name(settings)}: {cause}; {expected}"
 
 
 def _limit(talk: ZaberTalk, settings: ZaberSettings, scale: PositionScale) -> None:
+    """Sets the limits of speed and acceleration; DeviceSetupError: a value that the stage rejects."""
     per_m = abs(scale.per_m)
     limits = {
         "maxspeed": (settings.max_velocity_m_s * per_m * SPEED_DATA, "max_velocity_m_s"),
@@ -299,7 +291,7 @@ def _limit(talk: ZaberTalk, settings: ZaberSettings, scale: PositionScale) -> No
 
 
 def _checksums_on(talk: ZaberTalk, settings: ZaberSettings) -> None:
-    """From here on a reply without a checksum is none."""
+    """Turns checksums on, in the device and in the parser; DeviceSetupError: they stay off."""
     try:
         _ensure(talk, "comm.checksum", 1, axis=0)
         talk.parser.checksums = True
@@ -313,12 +305,12 @@ def _checksums_on(talk: ZaberTalk, settings: ZaberSettings) -> None:
 
 
 def _ensure(talk: ZaberTalk, name: str, value: int, axis: int | None = None) -> None:
-    """Sets what is not so yet: the device writes every `set` to its flash."""
+    """Sets a value that is another yet, for the device writes every `set` to its flash."""
     if talk.number(f"get {name}", axis) != value:
         talk.ask(f"set {name} {value}", axis)
 
 
-# --- Exchanges with a Zaber stage that is configured: targets out, positions in. One thread.
+# --- Exchanges with a configured stage: targets out, positions in. One thread.
 _REST_NS = 2_000_000_000  # ns that a stage may take to rest after a stop
 _SMOOTHED = 0.1  # weight of the newest exchange in the usual time of one
 _READINGS = 3  # a velocity is taken over: two exchanges
@@ -326,10 +318,10 @@ _GAP_NS = 100_000_000  # ns between two positions after which older ones give no
 
 
 class ZaberExchange:
-    """The only place that makes a command that moves the stage; it asks the link every time.
+    """Targets out, positions in: the only place that commands a motion; it asks the link every time.
 
     Attributes:
-        reading: where the stage was last, with the host's stamp; replaced as a whole.
+        reading: the last position and velocity, with the host's stamp; replaced as a whole.
     """
 
     def __init__(
@@ -349,10 +341,8 @@ class ZaberExchange:
         self.reading = Timed(0, StageReading(0.0, 0.0))
 
     def begin(self) -> None:
-        """The start, and the start anew after an explicit re-arming: old faults are acknowledged.
-
-        Raises:
-            DeviceSetupError: one stays, or the stage is not homed.
+        """Acknowledges old faults and reads the position, at the start and after an explicit re-arming.
+        DeviceSetupError: one stays, or the stage is not homed.
         """
         self._last_ns = None
         clear_faults(self._talk, self._link)
@@ -362,13 +352,11 @@ class ZaberExchange:
     def watch(self) -> None:
         asked_ns = self._clock.now_ns()
         x_m = self._scale.metres(self._talk.number("get pos"))
-        self._took((asked_ns + self._clock.now_ns()) // 2, x_m)
+        self._store((asked_ns + self._clock.now_ns()) // 2, x_m)
 
     def step(self) -> None:
-        """Sends what is due, and asks for the position in the same exchange.
-
-        Raises:
-            DeviceError: a rejected command, a warning flag that forbids motion, silence, the port is gone.
+        """Sends the order that is due, and asks for the position in the same exchange. DeviceError: a
+        rejected command, a warning flag that forbids motion, silence, the port is gone.
         """
         began_ns = self._clock.now_ns()
         stop_due, setpoint = self._due(began_ns)
@@ -382,15 +370,16 @@ class ZaberExchange:
             self._orders.stopped()
         where = replies[-1]
         if where is not None:
-            self._took(where.host_ns, self._metres(where.value))
+            x_m = self._scale.metres(self._talk.as_number("get pos", where.value.data))
+            self._store(where.host_ns, x_m)
         took_s = (self._clock.now_ns() - began_ns) * 1e-9
         if where is not None:
             self._link.exchanged(round(took_s * 1e9))
         self._usual_s += (took_s - self._usual_s) * _SMOOTHED
 
     def _due(self, now_ns: int) -> tuple[bool, Wanted | None]:
-        """What is ordered now. When this thread stood still for longer than the lead, so did the stage: what
-        was wanted before is over.
+        """The order of now: (a stop is due, setpoint; None: hold). When this thread stood still for longer
+        than the lead, so did the stage: setpoints from before are dropped.
         """
         if self._last_ns is not None and now_ns - self._last_ns > self._settings.lead_s * 1e9:
             self._link.counters["stood_still"] += 1
@@ -402,18 +391,14 @@ class ZaberExchange:
         return stop_due, None if over else setpoint
 
     def try_stop(self) -> None:
-        """After a fault: a stop, whether or not anybody hears it."""
+        """Sends a stop after a fault, and waits for no answer; counts one that can not be sent."""
         try:
             self._talk.post(["stop"])
         except DeviceError:
             self._link.counters["stops_not_sent"] += 1  # the bounded target stops it
 
     def rest(self) -> None:
-        """The orderly end: stops, and waits until the stage is at rest.
-
-        Raises:
-            DeviceError: it does not answer, or does not come to rest.
-        """
+        """Stops, and waits until the stage is at rest. DeviceError: it does not answer or come to rest."""
         self._talk.ask("stop", tries=_MOST_SILENT)
         until_ns = self._clock.now_ns() + _REST_NS
         while self._clock.now_ns() < until_ns:
@@ -427,8 +412,8 @@ class ZaberExchange:
         return f"move abs {self.target(setpoint, now_ns)}"
 
     def target(self, setpoint: Wanted, now_ns: int) -> int:
-        """Where the stage is sent, in microsteps: never further than `lead_s` ahead of the setpoint nor of
-        where the stage is, and within travel and limits.
+        """Target in microsteps: never further than `lead_s` ahead of the setpoint nor of where the stage is,
+        and within travel and limits.
 
         It is carried on by the time that the device needs to get it and by the distance that it brakes over,
         v / 2A, so that a steady motion is not braked at each target.
@@ -453,10 +438,8 @@ class ZaberExchange:
         if flag.startswith("W"):
             self._link.counters[f"warning_{flag}"] += 1
 
-    def _metres(self, reply: Reply) -> float:
-        return self._scale.metres(self._talk.as_number("get pos", reply.data))
-
-    def _took(self, stamp_ns: int, position_m: float) -> None:
+    def _store(self, stamp_ns: int, position_m: float) -> None:
+        """Stores a position with its velocity, over two exchanges that are no further than 0.1 s apart."""
         if self._positions and stamp_ns - self._positions[-1][0] > _GAP_NS:
             self._positions.clear()
         self._positions.append((stamp_ns, position_m))
@@ -466,7 +449,7 @@ class ZaberExchange:
         self.reading = Timed(stamp_ns, StageReading(position_m, velocity_m_s))
 
 
-# --- The driver of a Zaber stage that speaks ASCII.
+# --- The stage port.
 _OPEN_S = 8.0  # s for the handshake
 _WATCH_S = 0.05  # s between two readings while motion is inhibited
 
@@ -505,7 +488,7 @@ class ZaberStage:
             conversation.stop()
 
     def rearm(self) -> None:
-        """Permits motion again; what was commanded before is forgotten."""
+        """Permits motion again; drops the setpoint."""
         self._orders.hold()
         self.link.rearm()
 
@@ -540,6 +523,7 @@ class ZaberStage:
     # --- the conversation's thread ---
 
     def _converse(self, conversation: Conversation) -> Steps:
+        """Connects, requires travel and reference, and serves until the conversation ends."""
         stream = SerialStream(self.settings)
         try:
             self.link.advance(LinkState.OPEN)
@@ -555,7 +539,7 @@ class ZaberStage:
             stream.close()
 
     def _serve(self, conversation: Conversation, exchange: ZaberExchange) -> Steps:
-        """After a fault it looks on only, until somebody re-arms the link."""
+        """Exchanges until the conversation ends, at rest; after a fault only watches until re-armed."""
         begun = self.link.inhibited is None
         self.link.advance(LinkState.CONFIGURED)
         try:

@@ -58,13 +58,13 @@ class ZaberAxis:
         return self.motion is not AxisMode.IDLE
 
     def lose_reference(self) -> None:
-        """As after power was off: it takes where it is for zero, and says so."""
+        """Acts as after power was off: takes its position for zero, with WR set."""
         self._reference = self.position
         self.motion, self.velocity = AxisMode.IDLE, 0.0
         self.flags, self.enabled = {"WR"}, True
 
     def begin(self, motion: AxisMode, goal: float = 0.0) -> None:
-        """A motion: to a reported position, to the home sensor, or to rest."""
+        """Begins a motion: to a reported position, to the home sensor, or to rest; NI if another was on."""
         self.flags = self.flags | {"NI"} if self.busy else self.flags - {"NI"}
         self.motion, self._goal = motion, goal
 
@@ -75,6 +75,7 @@ class ZaberAxis:
         self.change = (self.velocity - before) / STEP_S
 
     def _move(self) -> None:
+        """Moves on by one step; stalls where it is stuck, ends a motion that rests at its goal."""
         wanted, most = self._wanted(), self.acceleration * STEP_S
         self.velocity = max(self.velocity - most, min(self.velocity + most, wanted))
         if self.velocity and self.stuck:
@@ -104,6 +105,7 @@ class ZaberAxis:
         return copysign(min(self.homing_speed if homing else self.maximum_speed, largest), distance)
 
     def _stall(self) -> None:
+        """Stands where it is; after 50 ms ends the motion with FS, at once one that is to stop."""
         self.velocity = 0.0
         self._stalled_s += STEP_S
         if self._stalled_s >= _STALL_S and self.motion is not AxisMode.STOP:
@@ -121,8 +123,8 @@ class ZaberAxis:
 
 @dataclass(frozen=True, slots=True)
 class ZaberModel:
-    """What kind of stage it is. `limits_m`: travel, home is at 0; `start_m`: where it stands; `homed`:
-    whether it knows that; `has_checksums`: whether it can put checksums on its replies.
+    """Constants of an emulated stage. `limits_m`: travel, home is at 0; `start_m`: its position; `homed`: it
+    has a reference; `has_checksums`: its replies can carry checksums.
     """
 
     address: int = 1
@@ -212,8 +214,8 @@ class ZaberDevice:
         return sent
 
     def provoke(self, fault: str) -> None:
-        """`drive_fault`: the driver goes off (FD); `stuck`: something blocks it until `free`; `power_cycle`:
-        it has forgotten where it is.
+        """`drive_fault`: the driver goes off (FD); `stuck`: the axis is blocked until `free`; `power_cycle`:
+        it loses its reference.
         """
         if fault == "drive_fault":
             self.axis.enabled = False
@@ -236,6 +238,7 @@ class ZaberDevice:
     # --- lines ---
 
     def _line(self, line: bytes) -> None:
+        """Obeys and answers one line; ignores noise, wrong checksums and other addresses."""
         _, slash, rest = line.partition(b"/")
         body, colon, checksum = rest.rpartition(b":")
         if not slash or not rest.isascii() or (colon and checksum != b"%02X" % lrc(body)):
@@ -250,14 +253,15 @@ class ZaberDevice:
             data, flag = self._do(axis or 0, words), "OK"
         except RejectedCommandError as reason:
             data, flag = str(reason), "RJ"
-        said = "" if message_id is None else f"{message_id:02d} "
+        tag = "" if message_id is None else f"{message_id:02d} "
         status = f"{'BUSY' if self.axis.busy else 'IDLE'} {(self._flags() or ['--'])[0]}"
-        answer = f"@{self.model.address:02d} {axis or 0} {said}{flag} {status} {data}".encode("ascii")
+        answer = f"@{self.model.address:02d} {axis or 0} {tag}{flag} {status} {data}".encode("ascii")
         if self._settings.get("comm.checksum"):
             answer += b":%02X" % lrc(answer[1:])
         self._sent += answer + b"\r\n"
 
     def _do(self, axis: int, words: list[str]) -> str:
+        """Runs a command; returns the data of its reply, or raises RejectedCommandError."""
         if axis > 1:
             raise RejectedCommandError("BADAXIS")
         name, *args = words or [""]
@@ -271,6 +275,7 @@ class ZaberDevice:
     # --- settings and motion ---
 
     def _get(self, args: list[str]) -> str:
+        """Value of a setting or of the axis, as text."""
         low, high = self.axis.limits
         shown = {"pos": round(self.axis.reported), "limit.min": low, "limit.max": high}
         known = {**self._fixed, **self._settings, **shown}
@@ -279,6 +284,7 @@ class ZaberDevice:
         return f"{known[args[0]]}"
 
     def _set(self, args: list[str]) -> str:
+        """Sets a setting to a whole number within its range."""
         name = args[0] if args else ""
         if name not in self._settings:
             raise RejectedCommandError("BADCOMMAND")
@@ -288,12 +294,13 @@ class ZaberDevice:
         return "0"
 
     def _apply(self) -> None:
-        found, axis = self._settings, self.axis
-        axis.maximum_speed = found["maxspeed"] / SPEED_DATA
-        axis.homing_speed = found["limit.approach.maxspeed"] / SPEED_DATA
-        axis.acceleration = found["accel"] / ACCELERATION_DATA
+        settings, axis = self._settings, self.axis
+        axis.maximum_speed = settings["maxspeed"] / SPEED_DATA
+        axis.homing_speed = settings["limit.approach.maxspeed"] / SPEED_DATA
+        axis.acceleration = settings["accel"] / ACCELERATION_DATA
 
     def _move(self, args: list[str]) -> str:
+        """Begins a motion to an end of the travel or to a position; no other `move` is known."""
         kind, *rest = args or [""]
         low, high = self.axis.limits
         if kind in ("min", "max"):
@@ -303,6 +310,7 @@ class ZaberDevice:
         return self._begin([], AxisMode.POSITION, _whole(rest, low, high))
 
     def _begin(self, args: list[str], motion: AxisMode, goal: float = 0.0) -> str:
+        """Begins a motion; rejects arguments, and any motion while the driver is off."""
         if args:
             raise RejectedCommandError("BADDATA")
         if not self.axis.enabled:
@@ -317,6 +325,7 @@ class ZaberDevice:
         return "0"
 
     def _warnings(self, args: list[str]) -> str:
+        """Number and names of the flags; `clear` then clears FS and those that are no faults."""
         if args not in ([], ["clear"]):
             raise RejectedCommandError("BADDATA")
         flags = self._flags()

@@ -1,4 +1,4 @@
-"""What the calibration of a Zaber stage does: home it, and run over its travel. Blocks while it moves."""
+"""Calibration of a Zaber stage: homes it and runs over its travel. Blocks while it moves."""
 
 from types import TracebackType
 
@@ -12,9 +12,9 @@ from forefeel.devices.zaber.settings import ZaberSettings
 
 
 class ZaberHoming:
-    """A stage that need not know where it is. Use: `with ZaberHoming(settings) as homing:`.
+    """Homing of a stage, with or without a reference. Use: `with ZaberHoming(settings) as homing:`.
 
-    Whatever ends the block, the stage is told to stop. The calibration in the settings is not looked at.
+    Whatever ends the block, the stage is told to stop. The calibration in the settings is ignored.
 
     Attributes:
         link: identity and counters.
@@ -53,7 +53,7 @@ class ZaberHoming:
             self._stream.close()
 
     def home(self, timeout_s: float = 60.0) -> float:
-        """Homes; the position of home in microsteps.
+        """Homes; returns the position of home in microsteps.
 
         Raises:
             DeviceError: a fault on the way, or not there in time; the stage is told to stop.
@@ -79,6 +79,7 @@ class ZaberHoming:
             talk.ask(f"set maxspeed {int(usual)}")
 
     def _move(self, text: str, timeout_s: float) -> None:
+        """Commands a motion and waits for its end; DeviceError: a fault, or too long (then it is stopped)."""
         talk = self._opened().talk
         talk.ask(text)
         until_ns = self._clock.now_ns() + int(timeout_s * 1e9)

@@ -15,10 +15,8 @@ import re
 from collections import Counter
 from dataclasses import dataclass
 
-SPEED_DATA = 1.6384
-"""A speed of 1 microstep/s as data of `maxspeed` and `move vel`."""
-ACCELERATION_DATA = 1.6384e-4
-"""An acceleration of 1 microstep/s^2 as data of `accel`."""
+SPEED_DATA = 1.6384  # 1 microstep/s as data of `maxspeed` and `move vel` (Zaber ASCII protocol manual)
+ACCELERATION_DATA = 1.6384e-4  # 1 microstep/s^2 as data of `accel` (Zaber ASCII protocol manual)
 WARNINGS = {
     "FF": "critical system error",
     "FN": "peripheral not supported",
@@ -73,12 +71,12 @@ class Reply:
 
 
 def lrc(body: bytes) -> int:
-    """The checksum of what stands between the first character and the colon."""
+    """The checksum of the bytes between the first character and the colon."""
     return -sum(body) & 0xFF
 
 
 def is_fault(flag: str) -> bool:
-    """Whether a warning flag forbids motion: faults (F.), a lost reference, a limit, a hand at the knob."""
+    """True for a flag that forbids motion: faults (F.), no reference, a limit, a hand at the knob."""
     return flag.startswith("F") or flag in _ALSO_FAULTS
 
 
@@ -94,7 +92,7 @@ class CommandEncoder:
         self._next = 0
 
     def encode(self, axis: int, text: str) -> tuple[int, bytes]:
-        """(message id, the line) of a command.
+        """Encodes a command with the next message id; (message id, line).
 
         Where the command ends in a number, ids are passed over until the checksum ends in a letter: if the
         colon is damaged or lost on the way, the line is no valid command with a longer number.
@@ -121,29 +119,30 @@ class Parser:
         self._partial = b""
 
     def feed(self, data: bytes) -> list[Reply]:
+        """The replies in the lines that are complete now; a line that gets too long is dropped."""
         *lines, partial = _ENDS.split(self._partial + data)
         if len(partial) > _MAX_LINE_BYTES:
             self.dropped["overlong"] += 1
             partial = b""
         self._partial = partial
-        return [found for line in lines if line and (found := self._reply(line)) is not None]
+        return [reply for line in lines if line and (reply := self._reply(line)) is not None]
 
     def _reply(self, line: bytes) -> Reply | None:
-        """What a line holds; where its beginning is damaged, what begins within it."""
+        """Parses a line, or what begins within it where its beginning is damaged; None, counted: no reply."""
         if len(line) > _MAX_LINE_BYTES:
             self.dropped["overlong"] += 1
             return None
-        starts = [found.start() for found in re.finditer(b"@", line)]
+        starts = [match.start() for match in re.finditer(b"@", line)]
         if not starts:
             self.dropped["noise"] += len(line)
             return None
         reason = ""
         for start in starts:
-            found = parse(line[start:], self.checksums)
-            if not isinstance(found, str):
+            parsed = parse(line[start:], self.checksums)
+            if not isinstance(parsed, str):
                 self._skipped(line[:start], reason)
-                return found
-            reason = reason or found
+                return parsed
+            reason = reason or parsed
         self.dropped[reason] += 1
         return None
 
@@ -155,11 +154,11 @@ class Parser:
 
 
 def parse(line: bytes, checksums: bool) -> Reply | str:
-    """One line without its end; `bad_checksum` or `malformed` if it is no reply."""
-    found = _CHECKSUM.search(line)
-    if found is not None:
-        body = line[: found.start()]
-        if lrc(body[1:]) != int(found[1], 16):
+    """Parses a line without its end; `bad_checksum` or `malformed` where it is no reply."""
+    match = _CHECKSUM.search(line)
+    if match is not None:
+        body = line[: match.start()]
+        if lrc(body[1:]) != int(match[1], 16):
             return "bad_checksum"
     elif checksums:
         return "bad_checksum"

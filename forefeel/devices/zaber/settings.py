@@ -1,4 +1,4 @@
-"""What the YAML file says of a Zaber stage."""
+"""YAML settings of a Zaber stage."""
 
 from typing import Annotated, Literal
 
