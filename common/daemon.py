@@ -50,7 +50,7 @@ def _replayed(run: Run, role: Role, link: str) -> ImpairedLink | None:
     return ReplayedImpairment(trace) if trace else None
 
 
-def each(axes: Sequence[A], action: Callable[[A, int], None]) -> Tick:
+def for_each(axes: Sequence[A], action: Callable[[A, int], None]) -> Tick:
     """One action of every axis as a task."""
 
     def tick(now_ns: int) -> None:

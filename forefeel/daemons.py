@@ -368,7 +368,7 @@ class SessionWatch:
         """The cause where it is known without a probe. Whom a master that listens is connected to is not."""
         if self._transport.hint:
             return self._transport.hint
-        if axis.session.heard(now_ns):
+        if axis.session.is_heard(now_ns):
             return f"axis {axis.name}: {axis.session.cause(now_ns)}"
         connected = self._transport.peers() and not self._settings.transport.listen
         return self._unheard() if connected else ""

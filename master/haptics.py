@@ -25,12 +25,12 @@ class NewestForce(NamedTuple):
     late_ns: int | None
 
     def is_fresh(self, now_ns: int, stale_ns: int) -> bool:
-        """Whether path and `stale_ns` explain its age; never before the clocks are compared."""
+        """True if path and `stale_ns` explain its age; never before the clocks are compared."""
         return self.late_ns is not None and now_ns - self.arrived_ns + self.late_ns <= stale_ns
 
 
 class HapticInputs(NamedTuple):
-    """What the loop knows at a tick. `state`, `stage_position_m`: the slave's, as they arrived last."""
+    """Inputs of a tick. `state`, `stage_position_m`: the slave's, as they arrived last."""
 
     reading: HandleReading
     state: SafetyState | None
@@ -40,7 +40,7 @@ class HapticInputs(NamedTuple):
 
 
 class HapticOutputs(NamedTuple):
-    """What the loop decides: the command, and the force to render beside what it rests on.
+    """Results of a tick: the command, and the force to render beside what it rests on.
 
     `band_n`: ends of the 95 % band, None while it rests on no error seen or on a stale force.
     """
@@ -134,15 +134,15 @@ class HapticLoop:
         )
 
     def applied(self, force_n: float) -> None:
-        """What the handle made of the force that was rendered last."""
+        """Takes the force that the handle applied, for the energy balance."""
         self._renderer.applied(force_n)
 
     def release(self) -> None:
-        """The hand felt nothing up to now, whatever was rendered: the force begins at zero."""
+        """Begins the force at zero: the hand felt nothing up to now, whatever was rendered."""
         self._renderer.release()
 
     def _predict(self, now_ns: int, position_m: float, inputs: HapticInputs) -> Estimate | None:
-        """None while the fixture is open: the instrument is not held, and closing it is a new contact."""
+        """Predicted force for the command; None, and a new start, while the fixture is open."""
         reading = inputs.reading
         if reading.gripper is Grip.OPEN:
             self.prediction.reset()

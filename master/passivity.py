@@ -95,13 +95,13 @@ class PassivityLimit:
         self._velocity_m_s = 0.0
 
     def observe(self, moved_m: float, force_n: float) -> None:
-        """The hand has moved under `force_n`, rendered since the last call, or one of those before it."""
+        """Updates C after the hand moved under `force_n`, rendered since the last call, or an earlier one."""
         self._forces_n.append(force_n)
         least_n = min(self._forces_n) if moved_m >= 0.0 else max(self._forces_n)
         self._credit_j = min(self._credit_j + least_n * moved_m, self._most_j)
 
     def damped_n(self, wanted_n: float, moved_m: float) -> float:
-        """The force that also pays for what its delay by a tick gives back."""
+        """The wanted force, up to 6 % larger against the motion while C is below W."""
         self._stored_j = min(max(0.0, self._stored_j + wanted_n * moved_m), self._most_j)
         self._velocity_m_s += _SMOOTHING * (moved_m / _TICK_S - self._velocity_m_s)
         if self._credit_j >= self._stored_j or wanted_n * self._velocity_m_s <= 0.0:

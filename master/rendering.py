@@ -78,11 +78,11 @@ class ForceRenderer:
         return Rendered(passive_n, hits, energy_j)
 
     def applied(self, force_n: float) -> None:
-        """What the handle made of the force that was rendered last: it counts for the energy."""
+        """Takes the force that the handle applied, which counts for the energy."""
         self._applied_n = force_n
 
     def release(self) -> None:
-        """Nothing was applied: fades in from zero."""
+        """Fades in from zero again: nothing was applied."""
         self._fade = self.force_n = self._applied_n = 0.0
 
     def _step_s(self, now_ns: int) -> float:

@@ -44,7 +44,7 @@ class RenderingWatch:
         predicted: Estimate | None,
         rendered: Rendered,
     ) -> None:
-        """`newest`: the force that is to be felt, None where none is; `rendered`: in the tick before."""
+        """Updates `distrusts` and `ends`. `newest`: force to feel, if any; `rendered`: in the tick before."""
         self._moved_m += abs(position_m - self._position_m)
         self._position_m = position_m
         self._path_m.put(now_ns, self._moved_m)
@@ -55,6 +55,7 @@ class RenderingWatch:
         self.ends = deadman and (self.ends or self._wrong_s > _END_S)
 
     def _wrong(self, newest: ForceSample, predicted: Estimate, rendered: Rendered) -> bool:
+        """True if the prediction is out of reach of the measured force, or a clear force is not rendered."""
         measured_n = newest.force_n
         predicted_n = measured_n if self._feels_zoh else predicted.force_n
         most_n = max(self._limit_n, abs(measured_n))

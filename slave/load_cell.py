@@ -66,7 +66,7 @@ class LoadCell(Protocol):
     def close(self) -> None: ...
 
     def rearm(self) -> None:
-        """After a fault of the device: the explicit act without which it stays failed."""
+        """Re-arms the device after a fault; without it the device stays failed."""
         ...
 
     def read(self, now_ns: int, recording_time_s: float | None) -> Sequence[LoadCellReading]:
@@ -79,7 +79,7 @@ class LoadCell(Protocol):
 
 
 class NativeReading(NamedTuple):
-    """What the device itself gives (N, counts, lbf/1000): before calibration, sign and tare; whether to
+    """Value that the device itself gives (N, counts, lbf/1000): before calibration, sign and tare; whether to
     believe it, and when it was made, by the host's clock.
     """
 

@@ -68,7 +68,7 @@ class SlaveAxisSettings(AxisSettings):
 
     @property
     def pushes_only(self) -> bool:
-        """Of the load cell; of the simulated one also where its world says so."""
+        """True where the load cell says so, or the world of a simulated one."""
         simulated = self.load_cell.driver == "simulated" and self.simulation.load_cell.pushes_only
         return self.load_cell.pushes_only or simulated
 
@@ -92,7 +92,7 @@ class SlaveAxisSettings(AxisSettings):
         )
 
     def reaction(self, reading_s: float = 2 * TICK_NS * 1e-9) -> Reaction:
-        """How late the force answers where a reading is so late when it is replaced.
+        """Lateness of the force after the setpoint; `reading_s`: of a reading when it is replaced.
 
         A servo of critical damping with velocity feed-forward, w its bandwidth, answers a ramp with the
         deviation t exp(-w t): at most exp(-2 w t) of a setpoint does not show, and v / e w comes after it.

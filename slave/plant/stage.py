@@ -45,7 +45,7 @@ class PlantStage:
         self._setpoint = None
 
     def readback(self) -> tuple[float, float]:
-        """(position_m of the motor in steps of its encoder, velocity_m_s of the drive's observer)."""
+        """(position in steps of the motor's encoder in m, velocity in m/s by the drive's observer)."""
         return round(self.position_m / self._encoder_step_m) * self._encoder_step_m, self.velocity_m_s
 
     def step(self, t: float) -> tuple[float, float, float]:
