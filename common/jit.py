@@ -38,7 +38,7 @@ def kernel(function: F) -> F:
 
 
 def fast_kernel(function: F) -> F:
-    """As `kernel`; sums may be reordered, so that they use the processor's wide registers."""
+    """Compiles like `kernel`; sums may be reordered, so that they use the processor's wide registers."""
     return _compiled(function, fastmath={"reassoc", "contract", "nsz"})
 
 
@@ -47,12 +47,12 @@ def _compiled(function: F, fastmath: bool | set[str]) -> F:
         return _plain(function)
     import numba  # noqa: PLC0415 - not needed for plain Python
 
-    _forget_what_is_old()
+    _remove_stale_code()
     return cast(F, numba.njit(cache=True, fastmath=fastmath)(function))
 
 
 def _plain(function: F) -> F:
-    """Records have attributes in numba; in numpy only as `recarray`."""
+    """Makes records `recarray`s: they have attributes in numba, in numpy only so."""
 
     @wraps(function)
     def call(*arguments: object) -> object:
@@ -68,7 +68,7 @@ def _with_attributes(argument: object) -> object:
 
 
 @cache
-def _forget_what_is_old() -> None:
+def _remove_stale_code() -> None:
     """Removes all that numba has kept when any of the sources has changed.
 
     Numba takes what it kept for fresh as long as the kernel's own file is unchanged, though the code of every
@@ -77,14 +77,14 @@ def _forget_what_is_old() -> None:
     package = Path(__file__).parents[1]  # forefeel/, by its links: not resolved
     folders = [package / name for name in _WITH_KERNELS]
     sources = b"\0".join(path.read_bytes() for folder in folders for path in sorted(folder.rglob("*.py")))
-    found, stamp = hashlib.sha256(sources).hexdigest(), package / _STAMP
+    digest, stamp = hashlib.sha256(sources).hexdigest(), package / _STAMP
     with suppress(OSError):
-        if stamp.exists() and stamp.read_text(encoding="ascii") == found:
+        if stamp.exists() and stamp.read_text(encoding="ascii") == digest:
             return
-        for path in (each for folder in folders for kept in _KEPT for each in folder.rglob(kept)):
+        for path in (path for folder in folders for pattern in _KEPT for path in folder.rglob(pattern)):
             path.unlink(missing_ok=True)
         stamp.parent.mkdir(exist_ok=True)
-        stamp.write_text(found, encoding="ascii")
+        stamp.write_text(digest, encoding="ascii")
 
 
 def record(of: type) -> np.dtype[np.void]:

@@ -1,4 +1,4 @@
-"""How late a fixed-rate loop wakes up: a histogram over log-spaced edges, its quantiles, its maximum."""
+"""Lateness of a fixed-rate loop's wake-ups: a histogram over log-spaced edges, its quantiles, its maximum."""
 
 from bisect import bisect_left
 

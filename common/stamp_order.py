@@ -57,6 +57,7 @@ class StampOrder:
         return "newer"
 
     def _completes_row(self, transit_ns: int, receive_ns: int) -> bool:
+        """Adds a refused message to the row; True, and an empty row, when enough of them agree."""
         count, row_transit_ns, first_ns = self._row
         if count == 0 or abs(transit_ns - row_transit_ns) > _AGREEMENT_NS:
             count, row_transit_ns, first_ns = 0, transit_ns, receive_ns

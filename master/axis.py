@@ -175,7 +175,7 @@ class MasterAxis:
 
     def _on_heartbeat(self, heartbeat: Heartbeat, receive_ns: int) -> None:
         if heartbeat.session_id == self.session.session_id:
-            self.counters["heartbeats_refused"] += not self._heartbeats.heard(heartbeat, receive_ns)
+            self.counters["heartbeats_refused"] += not self._heartbeats.receive(heartbeat, receive_ns)
 
     # --- the haptic loop ---
 

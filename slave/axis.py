@@ -145,7 +145,7 @@ class SlaveAxis:
     @property
     def latch_persisted(self) -> bool:
         """True when a new start would find the axis latched, or not, as it is now."""
-        return self._event_sink.kept(self.name)
+        return self._event_sink.is_persisted(self.name)
 
     def _device_failed(self, device: str, reason: str) -> None:
         self.events.device_fault(device, reason)

@@ -140,7 +140,7 @@ class SlaveSession:
     def _on_heartbeat(self, heartbeat: Heartbeat, receive_ns: int) -> None:
         if heartbeat.session_id != self._lease.holder or not self._lease.live(receive_ns):
             self.counters["heartbeats_of_another_session"] += 1
-        elif self._heartbeats.heard(heartbeat, receive_ns):
+        elif self._heartbeats.receive(heartbeat, receive_ns):
             self._lease.renew(heartbeat.session_id, receive_ns)
         else:
             self.counters["heartbeats_refused"] += 1

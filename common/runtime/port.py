@@ -28,13 +28,13 @@ class Runtime(Protocol):
         ...
 
     def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
-        """A hard-paced loop on absolute deadlines in a thread of its own; returns where its lateness is
-        counted, and said that the loop has ended.
+        """Registers a hard-paced loop on absolute deadlines in a thread of its own; returns its lateness,
+        which also says that the loop has ended.
         """
         ...
 
     def task(self, name: str, period_ns: int, tick: Tick) -> None:
-        """A soft-paced periodic task, on asyncio."""
+        """Registers a soft-paced periodic task, on asyncio."""
         ...
 
     def compute(self, work: Callable[[Pause], T]) -> "Future[T]":
@@ -54,5 +54,5 @@ class Runtime(Protocol):
 
     @property
     def scheduling(self) -> str:
-        """What the loops got from the operating system, in plain words."""
+        """Scheduling that the loops got from the operating system, in plain words."""
         ...

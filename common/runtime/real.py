@@ -121,7 +121,7 @@ class RealRuntime:
         self._reactions.append(reaction)
 
     def fault(self, error: BaseException) -> None:
-        """First the safety reactions, on the thread that failed; then asyncio is woken to end the daemon.
+        """Runs the safety reactions, on the thread that failed; then wakes asyncio to end the daemon.
 
         A reaction that fails in spite of its contract keeps neither the others from theirs nor the daemon
         alive; what it raised is raised then.
@@ -162,6 +162,7 @@ class RealRuntime:
             raise RunError(f"stopped by a fault: {type(self.error).__name__}: {self.error}") from self.error
 
     async def _periodic(self, period_ns: int, tick: Tick) -> None:
+        """Calls a task every period until it is cancelled, late ones skipped; an exception is a fault."""
         deadline_ns = self.clock.now_ns()
         try:
             while True:

@@ -48,7 +48,7 @@ def holder(path: Path, locks: Path = Path("/proc/locks")) -> int | None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Which names there are in it, on the disk when it returns.
+    """Puts the names in a folder on the disk.
 
     Raises:
         OSError: it can not be.
@@ -88,9 +88,9 @@ def _require_own(folder: Path) -> None:
         )
     for name in _OWN:
         with suppress(FileNotFoundError):
-            found = (folder / name).lstat()
-            if stat.S_ISLNK(found.st_mode) or found.st_uid != user:
-                what = "a link" if stat.S_ISLNK(found.st_mode) else f"of user {found.st_uid}"
+            entry = (folder / name).lstat()
+            if stat.S_ISLNK(entry.st_mode) or entry.st_uid != user:
+                what = "a link" if stat.S_ISLNK(entry.st_mode) else f"of user {entry.st_uid}"
                 raise ConfigurationError(
                     f"state folder {folder}: {name} is {what}; expected the daemon's own file, or none"
                 )
@@ -125,6 +125,7 @@ class StateFolder:
             raise
 
     def _take(self) -> None:
+        """Locks the folder for this process, whose number the lock file then holds."""
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
