@@ -32,9 +32,7 @@ BATCH_NS = 20_000_000
 
 
 class Publisher:
-    """Publishes one topic of one axis. Stamps and numbers are given by `header`, so that a message is built
-    once.
-    """
+    """Publishes one topic of one axis; `header` gives stamp and number, so that a message is built once."""
 
     def __init__(self, codec: type[Codec], puts: Sequence[Put]) -> None:
         self._encode, self._puts = codec.encode, puts
@@ -122,15 +120,11 @@ class Bus:
         handler: Callable[[M, int], None],
         on_malformed: Callable[[], None] | None = None,
     ) -> None:
-        """Calls `handler(message, receive_ns)` for each well-formed message; others are counted, and
-        `on_malformed` is called.
-        """
+        """Calls `handler(message, receive_ns)` for each message, or counts and calls `on_malformed`."""
         self._transport.subscribe(*self._received(topic, handler, on_malformed))
 
     def polled(self, topic: Topic[M], handler: Callable[[M, int], None]) -> Poll:
-        """Like `subscribe`, without a thread: what is returned hands over what came since its last call, in
-        the order of sending, for several connections bring it.
-        """
+        """Like `subscribe`, but hands over, in the order of sending, when what is returned is called."""
         waiting: list[tuple[M, int]] = []
         take = self._transport.polled(
             *self._received(topic, lambda message, receive_ns: waiting.append((message, receive_ns)))

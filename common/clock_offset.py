@@ -66,7 +66,7 @@ class OffsetEstimate:
         return inward_ns + self.outward_ns
 
     def ahead_ns(self, inward_ns: int) -> int:
-        """By how much the message was certainly stamped in the future, 0 where it may not have been.
+        """Least time by which the message was stamped in the future; 0 where it may not have been.
 
         The clocks may have parted since the outward transit, which is up to a second and a round trip old.
         """
@@ -74,7 +74,7 @@ class OffsetEstimate:
         return max(0, -self.completed_ns(inward_ns) - parted_ns)
 
     def excess_ns(self, inward_ns: int) -> int:
-        """By how much that round trip exceeds the smallest one of the session."""
+        """Time by which that round trip exceeds the smallest one of the session."""
         return self.completed_ns(inward_ns) - self.least_round_trip_ns
 
 

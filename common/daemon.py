@@ -61,9 +61,7 @@ def for_each(axes: Sequence[A], action: Callable[[A, int], None]) -> Tick:
 
 
 class Reports:
-    """Publishes the loop's lateness once a second and the impairment's trace ten times a second, on the first
-    axis' keys.
-    """
+    """Publishes the loop's lateness each second and the impairment's trace each 0.1 s, by the first axis."""
 
     def __init__(
         self, bus: Bus, role: Role, lateness: Lateness, transport: ImpairedTransport, runtime: Runtime

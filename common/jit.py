@@ -43,6 +43,7 @@ def fast_kernel(function: F) -> F:
 
 
 def _compiled(function: F, fastmath: bool | set[str]) -> F:
+    """Compiles by numba, once stale code is removed; plain Python where it is switched off."""
     if not COMPILED:
         return _plain(function)
     import numba  # noqa: PLC0415 - not needed for plain Python
@@ -88,9 +89,7 @@ def _remove_stale_code() -> None:
 
 
 def record(of: type) -> np.dtype[np.void]:
-    """The record whose fields are the annotations of the class `of`: float, Annotated[Array, *shape], or a
-    class of the same kind.
-    """
+    """The record of a class by its annotations: float, Annotated[Array, *shape], or a class like it."""
     return np.dtype(
         [_field(name, hint) for name, hint in get_type_hints(of, include_extras=True).items()], align=True
     )

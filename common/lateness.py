@@ -36,9 +36,7 @@ class Lateness:
         self.ticks += 1
 
     def quantile_us(self, q: float) -> float:
-        """The lateness in us that a share `q` of the ticks does not exceed: linear inside a bin, at most the
-        maximum.
-        """
+        """Lateness in us that a share `q` of the ticks does not exceed; linear inside a bin."""
         return min(self.max_us, quantile_us(self.counts, q))
 
 

@@ -84,9 +84,8 @@ def _clip(value: float, bound: float) -> float:
 
 
 def _stoppable_m_s(room_m: float, deceleration_m_s2: float, lag_s: float) -> float:
-    """The largest speed v that comes to rest within the room: v lag + v^2 / 2a = room.
-
-    `lag_s` dt / 2: in steps of this dt. dt: whatever steps come after this one.
+    """The largest speed v that comes to rest within the room: v lag + v^2 / 2a = room. `lag_s` dt / 2: in
+    steps of this dt. dt: whatever steps come after this one.
     """
     delayed = deceleration_m_s2 * lag_s
     return sqrt(delayed * delayed + 2.0 * deceleration_m_s2 * room_m) - delayed if room_m > 0.0 else 0.0
@@ -238,9 +237,8 @@ class MotionLimiter:
         return sign * fastest_m_s
 
     def _yielding(self, velocity_m_s: float, force_n: float, hits: list[LimitHit]) -> float:
-        """The velocity out of a wall that pushes beyond the limit; the hand's own where that is larger.
-
-        No further than `_YIELD_M` from where the hand went: a force that stays is of no wall that moves.
+        """The velocity out of a wall that pushes beyond the limit; the hand's own where that is larger. No
+        further than `_YIELD_M` from where the hand went: a force that stays is of no wall that moves.
         """
         excess_n = force_n - (1.0 + OVER_SHARE) * self._force_n
         if excess_n <= 0.0 or velocity_m_s < 0.0:

@@ -263,9 +263,7 @@ class MasterState(Message):
 
 
 class Heartbeat(Message):
-    """Keeps the lease and carries the four time stamps: mine, and the newest of the peer with its receive
-    stamp.
-    """
+    """Keeps the lease and carries the four stamps: mine, and the peer's newest with its receive stamp."""
 
     echo_stamp_ns: Stamp | None = None
     echo_receive_ns: Stamp | None = None

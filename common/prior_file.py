@@ -42,9 +42,7 @@ class _Keys(BaseModel):
 
 
 class StoredPrior(_Keys):
-    """One file. `date`: of the newest of its `sessions`; `contact_s`, `names`, `values`, `covariance`: see
-    `ContactPrior`.
-    """
+    """One file. `date`: of the newest of its `sessions`; for the other fields see `ContactPrior`."""
 
     date: date
     sessions: Annotated[int, Field(ge=1, le=10**9)]

@@ -42,10 +42,8 @@ from forefeel.master.stop import StopRequest
 
 
 class MasterAxis:
-    """Hand in, commands out; late forces in, felt force out.
-
-    Threads: `tick` and `_on_force` run in the haptic loop; the other `_on_*` where the transport delivers;
-    the rest on asyncio.
+    """Hand in, commands out; late forces in, felt force out. Threads: `tick` and `_on_force` run in the
+    haptic loop; the other `_on_*` where the transport delivers; the rest on asyncio.
     """
 
     def __init__(  # noqa: PLR0913, PLR0917 - who it is, what it works with, where it is written down
@@ -203,6 +201,7 @@ class MasterAxis:
         self._bus.end_batches(now_ns)
 
     def _status(self, now_ns: int) -> tuple[AxisStatus, str]:
+        """Status of the axis and its reason, the gravest first."""
         if self._failed:
             return "failed", "a fault of the master"
         if self._hand.fault is not None:

@@ -98,9 +98,7 @@ class MasterDaemon:
             axis.stopping = True
 
     def close(self, now_ns: int) -> None:
-        """Publishes what is left, closes handles and transport, keeps what was learned where the end is
-        orderly; after the loops have ended.
-
+        """Publishes what is left, closes handles and transport, keeps priors; after the loops have ended.
         Each step is taken whatever becomes of the others: what failed is raised then.
         """
         with ExitStack() as steps:  # a stack: the last one first

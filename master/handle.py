@@ -80,10 +80,7 @@ class Handle(Protocol):
         ...
 
     def render(self, force_n: float, now_ns: int) -> float:
-        """Applies a force to the hand (positive resists insertion); returns the force as applied.
-
-        Raises DeviceError, see above.
-        """
+        """Applies a force to the hand (positive resists insertion); returns it as applied."""
         ...
 
     def show(self, indication: Indication) -> None: ...

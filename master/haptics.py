@@ -16,9 +16,7 @@ from forefeel.master.settings import RenderingSettings
 
 
 class NewestForce(NamedTuple):
-    """The newest valid force that arrived, when, and by how much later than the fastest of the session; None
-    while the clocks are not compared.
-    """
+    """Newest valid force, its arrival, and how late by the fastest; None before clocks are compared."""
 
     sample: ForceSample
     arrived_ns: int
@@ -59,17 +57,13 @@ class HapticOutputs(NamedTuple):
 
 
 class Clutch:
-    """Command = handle + offset. With the clutch open the offset follows, so that the command stays on the
-    stage.
-    """
+    """Command = handle + offset. With the clutch open the offset keeps the command on the stage."""
 
     def __init__(self) -> None:
         self.offset_m = 0.0
 
     def command_m(self, reading: HandleReading, stage_position_m: float | None) -> float:
-        """The absolute position to command for a reading; `stage_position_m`: newest known readback, None
-        before any.
-        """
+        """Absolute position to command; `stage_position_m`: newest known readback, None before any."""
         if not reading.deadman and stage_position_m is not None:
             self.offset_m = stage_position_m - reading.position_m
         return reading.position_m + self.offset_m

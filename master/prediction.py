@@ -76,9 +76,8 @@ class ExpectedSetpoint:
         deadman: bool,
         expected: Estimate | None = None,
     ) -> float:
-        """The setpoint in m for the command of that stamp, where a force is `expected`.
-
-        Without the deadman nothing moves: the command is the stage's own position, as the network says it.
+        """The setpoint in m for the command of that stamp, where a force is `expected`. Without the deadman
+        nothing moves: the command is the stage's own position, as the network says it.
         """
         position_m = min(max(position_m, self._workspace_m[0]), self._workspace_m[1])
         previous_ns, self._previous_ns = self._previous_ns, stamp_ns
@@ -98,9 +97,8 @@ class ExpectedSetpoint:
         self._limiter.reaction = reaction
 
     def _shown_n(self, stamp_ns: int, force_n: float) -> float:
-        """The force that the slave's newest reading has, of those that were expected.
-
-        At most the limit: how far the stage yields to more comes back with the forces.
+        """The force that the slave's newest reading has, of those that were expected. At most the limit: how
+        far the stage yields to more comes back with the forces.
         """
         self._expected_n.append((stamp_ns, force_n))
         while self._expected_n[0][0] < stamp_ns - self._limiter.reaction.reading_s * 1e9:
@@ -135,9 +133,8 @@ class ForcePrediction:
         snapshot: Snapshot,
         newest: ForceSample | None,
     ) -> Estimate | None:
-        """The force for the command that is sent now; None before any force has arrived.
-
-        `snapshot`: what was learned. The newest force counts at once, before it is learned from.
+        """The force for the command that is sent now; None before any force has arrived. `snapshot`: what was
+        learned. The newest force counts at once, before it is learned from.
         """
         if self._origin_ns is None:
             self._origin_ns = stamp_ns

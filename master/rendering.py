@@ -47,10 +47,7 @@ class ForceRenderer:
         self.force_n = 0.0
 
     def render(self, now_ns: int, contact_n: float | None, live: bool, position_m: float) -> Rendered:
-        """The force for a hand that is at `position_m` now.
-
-        `live`: armed, and the feedback is fresh; else the force fades to zero in fade_s.
-        """
+        """Force for a hand at `position_m`. `live`: armed and the feedback fresh; else it fades in fade_s."""
         dt_s = self._step_s(now_ns)
         moved_m = 0.0 if self._position_m is None else position_m - self._position_m
         self._position_m = position_m

@@ -35,10 +35,8 @@ _EXACT_M = 1e-9  # a drive that applies a setpoint to the nanometre did not chan
 
 
 class SlaveAxis:
-    """Commands in, motion and forces out.
-
-    Threads: `tick` takes the commands and runs in the control loop; `_on_*` where the transport delivers;
-    the rest on asyncio.
+    """Commands in, motion and forces out. Threads: `tick` takes the commands and runs in the control loop;
+    `_on_*` where the transport delivers; the rest on asyncio.
     """
 
     def __init__(
@@ -100,7 +98,6 @@ class SlaveAxis:
 
     def clear(self) -> None:
         """Asks the next tick to clear a latched stop or fault; only ever called by a local act at the slave.
-
         One that the control loop has not heeded by then is none to clear: it stays.
         """
         self._clear.put(True)

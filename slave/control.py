@@ -184,9 +184,8 @@ class AxisControl:
             self._released = True
 
     def _even_out(self, transit_ns: int) -> None:
-        """Measures how much later than usual the newest command came; the setpoint is carried on by it.
-
-        So jitter of the network is no jitter of the stage. The clocks' offset cancels.
+        """Measures how much later than usual the newest command came; the setpoint is carried on by it. So
+        jitter of the network is no jitter of the stage. The clocks' offset cancels.
         """
         if self._usual_transit_ns is None:
             self._usual_transit_ns = float(transit_ns)

@@ -38,10 +38,7 @@ class Clearing(NamedTuple):
 
 
 class ClearRequest:
-    """Asked on asyncio, heeded by the control loop at its next tick; `done` has the result then.
-
-    Who cancels `done` before that tick has nothing cleared.
-    """
+    """A clearing, asked for on asyncio, heeded at the next tick unless `done`, its result, is cancelled."""
 
     def __init__(self, axis: str | None) -> None:
         self.done: Future[list[Clearing]] = Future()
@@ -166,9 +163,8 @@ class SlaveDaemon:
         return all(axis.at_rest for axis in self.axes)
 
     def close(self, now_ns: int) -> None:
-        """Publishes what is left, closes devices and transport; after the loops have ended.
-
-        Each step is taken whatever becomes of the others: what failed is raised then.
+        """Publishes what is left, closes devices and transport; after the loops have ended. Each step is
+        taken whatever becomes of the others: what failed is raised then.
         """
         with ExitStack() as steps:  # a stack: the last one first
             steps.callback(self.transport.close)

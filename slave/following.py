@@ -91,6 +91,7 @@ class LateStage:
             self._sent.append(self._newest)
 
     def span_m(self, now_ns: int) -> tuple[float, float]:
+        """The lowest and the highest position of a healthy stage."""
         sent, since_ns = self._sent, now_ns - self._lag_ns
         while len(sent) > 1 and sent[1][0] <= since_ns:
             sent.popleft()

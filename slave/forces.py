@@ -108,9 +108,8 @@ class ForceWatch:
     """
 
     def __init__(self, limit_n: float, timeout_s: float | None) -> None:
-        """`timeout_s`: how long the cell may stay blind while the stage follows.
-
-        None: for ever, as a recorded force is between its pieces; then a reading counts as it is.
+        """`timeout_s`: how long the cell may stay blind while the stage follows. None: for ever, as a
+        recorded force is between its pieces; then a reading counts as it is.
         """
         self.force_n = self.age_s = self.late_s = 0.0
         self.reading_s = _LATER_S
@@ -196,9 +195,8 @@ class PushWatch:
 
 
 class PolarityWatch:
-    """Finds a load cell of the wrong sign: the first contact on a way in that began free pushes back.
-
-    A late force may show it on the way back already. A force that the way in begins with tells nothing.
+    """Finds a load cell of the wrong sign: the first contact on a way in that began free pushes back. A late
+    force may show it on the way back already. A force that the way in begins with tells nothing.
     """
 
     def __init__(self, limit_n: float) -> None:

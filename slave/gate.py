@@ -66,9 +66,8 @@ class CommandGate:
         self._window = _Window(session_id)
 
     def admit(self, command: MotionCommand, receive_ns: int, clock: OffsetEstimate | None) -> Refusal | None:
-        """None, and the sequence moves on, when the command may be executed; else why it is refused.
-
-        The age is not judged before the clocks are compared: nothing is executed until then.
+        """None, and the sequence moves on, when the command may be executed; else why it is refused. The age
+        is not judged before the clocks are compared: nothing is executed until then.
         """
         window = self._window
         if window is None or command.session_id != window.session_id:

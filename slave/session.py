@@ -138,6 +138,7 @@ class SlaveSession:
         self._handshakes.put((handshake, receive_ns))
 
     def _on_heartbeat(self, heartbeat: Heartbeat, receive_ns: int) -> None:
+        """Renews the lease by a heartbeat of its live holder; counts all others."""
         if heartbeat.session_id != self._lease.holder or not self._lease.live(receive_ns):
             self.counters["heartbeats_of_another_session"] += 1
         elif self._heartbeats.receive(heartbeat, receive_ns):

@@ -107,6 +107,7 @@ class SlaveAxisSettings(AxisSettings):
 
     @model_validator(mode="after")
     def _written_out(self) -> Self:
+        """Refuses a real stage without what has no default beside it."""
         for place, line in _REQUIRED.items() if self.stage.hardware else ():
             slot, _, key = place.rpartition(".")
             owner = getattr(self, slot) if slot else self

@@ -50,8 +50,7 @@ def require_finite(position_m: float, velocity_m_s: float) -> None:
 
 
 class Stage(Protocol):
-    """Follows a stream of setpoints within its own limits, and comes to rest by itself when the stream ends.
-
+    """Follows a stream of setpoints within its limits, and comes to rest by itself when the stream ends.
     Every method raises `DeviceError` when the device fails or is not open.
     """
 
@@ -100,9 +99,7 @@ class Homing(Protocol):
     ) -> None: ...
 
     def home(self) -> float:
-        """Finds the reference again, whether it had been found or not; returns its position, in native units
-        of the count that holds from now on.
-        """
+        """Finds the reference anew; returns its position in native units of the count that holds from now on."""
         ...
 
     def travel_ends(self, velocity_m_s: float) -> tuple[float, float]:

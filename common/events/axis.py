@@ -82,9 +82,7 @@ class AxisEvents:
         self.limits.add(hit.rule, hit)
 
     def session_answered(self, handshake: Handshake, opened: bool, refused: str | None, now_ns: int) -> None:
-        """Logs the answer to a handshake: a refusal, or a session that opened. `handshake`: the other end's.
-        `refused`: why it was, if it was.
-        """
+        """Logs the answer to the other end's handshake: why it was `refused`, or that a session opened."""
         if refused is not None:
             self._repeat("session_refused", "handshake", **{**peer(handshake), "reason": refused})
         elif opened:

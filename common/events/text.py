@@ -110,8 +110,7 @@ def _limit(event: LimitEvent) -> str:
 
 @contextmanager
 def units_of(*columns: Mapping[Any, str]) -> Iterator[None]:
-    """In the body rad are shown for m, and N m for N, where all of these recordings have angles, or torques.
-
+    """Shows rad for m, and N m for N, in its body, where all of these recordings have angles, or torques.
     `columns`: as of a `Recording`, each `unit:column`.
     """
     units = [{key: text.partition(":")[0] for key, text in recording.items()} for recording in columns]

@@ -107,9 +107,7 @@ def stage_calibration(
     travel_m: tuple[float, float],
     native_per_m: float,
 ) -> StageCalibration:
-    """The calibration of a stage, checked as in `load_cell_calibration`; its travel must hold `travel_m`, its
-    scale be that of the settings.
-    """
+    """A stage's calibration, checked as in `load_cell_calibration`; covers `travel_m`, with that scale."""
     stored = load_settings(StageCalibration, path)
     _check(path, stored, driver, serial, today)
     if abs(stored.native_per_m - native_per_m) > _STAGE_TOLERANCE * native_per_m:

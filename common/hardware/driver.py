@@ -121,6 +121,7 @@ def driver_settings(slot: Slot) -> BeforeValidator:
     """Reads a section of a YAML file by the settings of the driver that it names."""
 
     def read(data: object, info: ValidationInfo) -> object:
+        """Validates a section by the settings of the driver that it names; passes settings through."""
         if isinstance(data, DriverSettings):
             return data
         if not isinstance(data, dict):

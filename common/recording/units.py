@@ -64,13 +64,12 @@ def parse_column(quantity: Quantity, text: str) -> tuple[str, str]:
 def rescaled(quantity: Quantity, unit: str, factor: float) -> str | None:
     """The unit that is `factor` times as large; None: there is none."""
     wanted = factor * TO_SI[quantity][unit]
-    return next((each for each, to_si in TO_SI[quantity].items() if isclose(to_si, wanted)), None)
+    return next((name for name, to_si in TO_SI[quantity].items() if isclose(to_si, wanted)), None)
 
 
 @dataclass(frozen=True, slots=True)
 class Mapping:
-    """Which columns hold time, position and force, each as `unit:column`, e.g. `mm:laser`; None: as their
-    names say.
+    """Columns of time, position and force, each as `unit:column`, e.g. `mm:laser`; None: as their names say.
 
     Raises:
         RecordingError: see `parse_column`.

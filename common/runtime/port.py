@@ -28,9 +28,7 @@ class Runtime(Protocol):
         ...
 
     def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
-        """Registers a hard-paced loop on absolute deadlines in a thread of its own; returns its lateness,
-        which also says that the loop has ended.
-        """
+        """Registers a hard-paced loop on absolute deadlines, in its own thread; returns its lateness."""
         ...
 
     def task(self, name: str, period_ns: int, tick: Tick) -> None:
@@ -38,9 +36,8 @@ class Runtime(Protocol):
         ...
 
     def compute(self, work: Callable[[Pause], T]) -> "Future[T]":
-        """The result of `work`, which may take long: in a thread of its own, in virtual time at once.
-
-        It calls what it is given between pieces of at most some 0.1 ms.
+        """The result of `work`, which may take long: in a thread of its own, in virtual time at once. It
+        calls what it is given between pieces of at most some 0.1 ms.
         """
         ...
 

@@ -103,6 +103,8 @@ class RealRuntime:
         return tuple(loop.lateness.ticks for loop in self._loops)
 
     def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
+        """Adds a loop in its own thread; after each tick a gap opens for computations."""
+
         def ticked(now_ns: int) -> None:
             tick(now_ns)
             self._gaps.begin(now_ns + period_ns // 2)

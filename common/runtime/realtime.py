@@ -48,9 +48,7 @@ def prepare_process() -> str:
 
 
 def prepare_thread(priority: int) -> str:
-    """Asks for SCHED_FIFO and the finest timer slack for the calling thread; returns in plain words what was
-    granted.
-    """
+    """Asks for SCHED_FIFO and the finest timer slack for this thread; returns in words what was granted."""
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
     if priority == 0:
         return "normal scheduling (priority 0 configured)"

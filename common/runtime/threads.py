@@ -68,10 +68,7 @@ class Gaps:
 
 
 class Worker:
-    """Calls `work` in a thread of its own whenever it is woken, and after the seconds that it returned.
-
-    `work` is called with True for the last time, by `close`.
-    """
+    """Calls `work` in its own thread when woken, or after the seconds it returned; with True at `close`."""
 
     def __init__(self, name: str, work: Callable[[bool], float | None]) -> None:
         self._work = work

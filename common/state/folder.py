@@ -35,9 +35,8 @@ def unnamed_path(cell: str, role: str, environment: Mapping[str, str]) -> Path:
 
 
 def holder(path: Path, locks: Path = Path("/proc/locks")) -> int | None:
-    """The process of the daemon that uses the folder now; None where none does, or nobody may see it.
-
-    By the kernel's own list: to try the lock would keep a daemon out that starts meanwhile.
+    """The process of the daemon that uses the folder now; None where none does, or nobody may see it. By the
+    kernel's own list: to try the lock would keep a daemon out that starts meanwhile.
     """
     try:
         number = (path / _LOCK).stat().st_ino

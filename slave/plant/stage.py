@@ -97,7 +97,6 @@ class PlantStage:
 
     def _stoppable(self, v: float) -> float:
         """v, or the largest velocity in its direction that braking in steps of dt stops within the travel.
-
         Braking by A dt per step covers at most v^2 / 2A + v dt / 2 + A dt^2 / 8, the first step included.
         """
         brake = self._change_m_s

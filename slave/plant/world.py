@@ -25,7 +25,6 @@ _PERIOD_S = 1e-3  # s between two conversions
 
 class PlantLoadCell:
     """A first-order anti-alias filter at the integration rate, one conversion per ms with white noise.
-
     `sense`: what else becomes of a reading: (t s, force N, dt s) -> N.
     """
 
