@@ -99,7 +99,7 @@ class Homing(Protocol):
     ) -> None: ...
 
     def home(self) -> float:
-        """Finds the reference anew; returns its position in native units of the count that holds from now on."""
+        """Finds the reference anew; returns its position, in native units of the count from now on."""
         ...
 
     def travel_ends(self, velocity_m_s: float) -> tuple[float, float]:
