@@ -82,7 +82,7 @@ def _refusal(kind: type[Message], error: Exception) -> CodecError:
 
 
 def _message(kind: type[M], fields: msgspec.Struct) -> M:
-    """The checked fields as the model, which would check them again."""
+    """Makes the model of checked fields, unvalidated; raises CodecError for another protocol version."""
     message = kind.__new__(kind)
     values = msgspec.structs.asdict(fields)
     _set(message, "__dict__", values)

@@ -78,11 +78,8 @@ def checked(
 
 
 def beside_the_file(path: Path, info: ValidationInfo) -> Path:
-    """Makes a path absolute, from the folder of the settings file, which the validation context names.
-
-    Effective settings that are printed may be read from elsewhere. Raises ValueError for an impossible path.
-
-    Absolute, for effective settings that are printed may be read from elsewhere.
+    """Makes a path absolute, from the folder of the settings file, which the validation context names:
+    effective settings that are printed may be read from elsewhere. Raises ValueError for an impossible path.
     """
     text = os.fsencode(path)
     if b"\0" in text or len(text) > _MOST_PATH or max(map(len, text.split(b"/"))) > _MOST_NAME:

@@ -19,7 +19,7 @@ from forefeel.common.transport.settings import ImpairmentSettings
 A = TypeVar("A")
 SECOND_NS = 1_000_000_000  # ns in a second, from which the periods of the tasks are derived
 _KNOWN_NS = SECOND_NS
-"""Who listens is known to a daemon so long after its start; nobody hears what is published before."""
+"""Time after its start until a daemon knows who listens; nobody receives what is published before."""
 
 
 def impaired(inner: Transport, settings: LinkImpairment, role: Role, runtime: Runtime) -> ImpairedTransport:

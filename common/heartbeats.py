@@ -33,10 +33,6 @@ class Heartbeats:
         One that was received before, is stamped ahead of the others, or echoes what was never sent, is a
         replay or a forgery and says nothing: neither that the peer lives nor what its clock shows. So a peer
         whose clock is set back loses its session.
-
-        One that was heard before, is stamped ahead of the others, or echoes what was never sent, is a replay
-        or a forgery and says nothing: neither that the peer lives nor what its clock shows. So a peer whose
-        clock is set back loses its session.
         """
         echo_ns, echo_receive_ns = heartbeat.echo_stamp_ns, heartbeat.echo_receive_ns
         known = not self._answered if echo_ns is None else echo_ns in self._sent_ns
@@ -49,6 +45,7 @@ class Heartbeats:
         return True
 
     def beat(self, session_id: int, now_ns: int) -> None:
+        """Sends a heartbeat that echoes the peer's newest with its receive stamp."""
         stamp_ns, receive_ns = self._newest or (None, None)
         self._sent_ns = (*self._sent_ns[1 - _REMEMBERED :], now_ns)
         self._publisher.send(

@@ -27,7 +27,7 @@ Field = tuple[str, Any] | tuple[str, Any, tuple[int, ...]]
 
 COMPILED = os.environ.get("FOREFEEL_JIT", "1") != "0" and os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"
 _KEPT = "*.nbi", "*.nbc"
-"""What numba keeps in `__pycache__`: an index and the code of each kernel."""
+"""Files that numba keeps in `__pycache__`: an index and the code of each kernel."""
 _WITH_KERNELS = "common/estimation", "common/causes"
 _STAMP = "common/__pycache__/kernels.sha256"
 

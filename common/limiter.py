@@ -22,7 +22,7 @@ _PROBING_SHARE = 0.5
 5 mm/s: one that is wrong could not learn otherwise."""
 
 OVER_SHARE = 0.05
-"""Of the force limit: what a zero may be off, and what is said to be above it."""
+"""Share of the force limit: a zero may be off by it, and a force counts as above the limit beyond it."""
 _YIELD_M = 0.005
 """More than a wall moves with heart and breath, less than pulls a wire out of a branch; decisions/0030."""
 
@@ -45,7 +45,7 @@ class Reaction(NamedTuple):
 
 
 PROMPT = Reaction(0.002, 0.001, 0.003, 0.002)
-"""Of the simulated stage of 25 Hz with a cell of 200 Hz at 1 kHz: 8 ms."""
+"""Reaction of the simulated stage of 25 Hz with a cell of 200 Hz at 1 kHz: 8 ms."""
 
 
 LEAST_M_S = 0.002

@@ -3,7 +3,7 @@
 from typing import Literal
 
 _LEAD_NS = 20_000_000
-"""What is ahead by less hides the stream for less than a force may be late (`rendering.stale_s`, 0.1 s). In
+"""A stamp ahead by less hides the stream for less than a force may be late (`rendering.stale_s`, 0.1 s). In
 the paper's jitter of +-15 ms a message is hardly ever that much faster than the fastest of a second."""
 _MEMORY_NS = 1_000_000_000  # time constant with which a slower way replaces the fastest transit
 _AGREEMENT_NS = 100_000_000  # by which the transits of a row may differ: three times that jitter

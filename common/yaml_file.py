@@ -11,7 +11,7 @@ from forefeel.common.errors import ConfigurationError
 
 Place = tuple[int | str, ...]
 KINDS = {type(None): "empty", list: "a list", str: "text"}
-"""What stands where a mapping was expected, in words."""
+"""Words for what stands where a mapping was expected."""
 
 
 class _Loader(yaml.SafeLoader):

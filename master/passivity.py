@@ -110,7 +110,7 @@ class PassivityLimit:
         return max(-self._most_n, min(self._most_n, (1.0 + share) * wanted_n))
 
     def limited_n(self, asked_n: float, present_n: float, velocity_m_s: float, dt_s: float) -> float:
-        """Force in N for the next tick, of the sign of `asked_n`, no larger; `present_n`: since dt_s ago."""
+        """Bounds the force in N of the next tick, see the class; `present_n`: the one of the last dt_s."""
         credit_j, late_s = max(self._credit_j, 0.0), (self._pending - 2) * _TICK_S
         into = 1.0 if asked_n >= 0.0 else -1.0
         into_m_s, half_n_s = into * velocity_m_s, 0.5 * self._slew_n_s

@@ -8,7 +8,7 @@ from forefeel.master.rendering import Rendered
 from forefeel.master.settings import RenderingSettings
 
 _DISTRUST_S, _END_S = 0.2, 0.3
-"""Of a wrong force. Healthy runs have .012 s at most, and a release takes half a round trip to the stage."""
+"""In s: healthy runs have .012 s at most, and a release takes half a round trip to the stage."""
 _WALLS = 3.0  # a wall may be stiffer than the settings say: 8000 N/m at their default of 3000
 _BEYOND = 2.0  # limits: a force changes from one end of the limit to the other, and is back at zero
 _ALWAYS = 0.33  # of the limit: friction that turns, pulsation, a wall's own motion within a round trip

@@ -14,7 +14,7 @@ _LOST_AFTER_NS = 1_000_000_000
 lasts as long by default."""
 _RETRY_NS = 250_000_000  # ns between two handshakes until an answer
 _SILENT_AFTER_S = SLAVE_STATE.stale_after_s or 0.5
-"""What the slave said is no cause any more when nothing was heard of it for so long."""
+"""After so long without anything from the slave, its last word is no cause any more."""
 
 
 class SessionState(Enum):

@@ -77,7 +77,7 @@ _HAND_N = 12.0
 _RISE_S = 0.01
 """From nothing to the largest force: shorter is a knock."""
 _STIFFNESS_N_M = 10_000.0
-"""Of a hand and handle that damp with 5 N s/m, at 1 kHz; see `RenderingSettings`."""
+"""Bound for a hand and handle that damp with 5 N s/m, at 1 kHz; see `RenderingSettings`."""
 
 
 class MasterAxisSettings(AxisSettings):

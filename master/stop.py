@@ -31,7 +31,7 @@ class StopRequest:
         return True
 
     def due(self, now_ns: int, state: SlaveState | None, received_ns: int) -> bool:
-        """True if it is to be sent now. A `state` that acknowledges it, of `received_ns`, ends it."""
+        """True if it is to be sent now; a `state` of `received_ns` that acknowledges it withdraws it."""
         if not self.wanted:
             return False
         if state is not None and state.acknowledges_stop and received_ns > self._asked_ns:

@@ -194,7 +194,7 @@ class AxisControl:
         self._late_s = min(max(late_ns * 1e-9, -_MAX_LEAD_S), _MAX_LEAD_S)
 
     def _events(self, now_ns: int, inputs: ControlInputs, hits: list[LimitHit]) -> list[tuple[E, str]]:
-        """The events of this tick, the gravest first; but what holds still outlasts a clearing."""
+        """Events that the inputs cause, in firing order: a clearing is first, for what holds outlasts it."""
         events: list[tuple[E, str]] = []
         if inputs.clear:
             events.append((E.CLEAR, "cleared at the slave"))
@@ -233,7 +233,7 @@ class AxisControl:
     def _following_events(
         self, now_ns: int, released: bool, command: MotionCommand, clock: OffsetEstimate
     ) -> list[tuple[E, str]]:
-        """Release, silence or a slow link; while engaging also how that ends; else none."""
+        """Event that ends the following: release, silence, slow link; while engaging, how that ends."""
         if released or not command.deadman:
             return [(E.RELEASE, "deadman released")]
         silent_ns = now_ns - self._received_ns

@@ -26,7 +26,7 @@ _CLEARINGS = 64  # between two ticks; far more than the local socket serves at o
 
 
 FOLLOWS = "axis {} is halted"
-"""Why an axis stops with another one."""
+"""Reason for which an axis stops with another one."""
 
 
 class Clearing(NamedTuple):

@@ -16,7 +16,7 @@ VALID_SHARE = 0.95
 
 FullScale = Annotated[float, Field(gt=0.0, le=MOST_FORCE_N)]
 Native = Annotated[float, Field(gt=0.0, le=1e12)]
-"""What the device's number rises by from no load to `full_scale_n`, by its data sheet."""
+"""Rise of the device's number from no load to `full_scale_n`, by its data sheet."""
 
 
 class LoadCellDriverSettings(DriverSettings):

@@ -51,9 +51,9 @@ _REQUIRED = {
     "load_cell.filter_lag_s": "filter_lag_s: 0.005 # of the amplifier's filter, 1 / (2 pi corner)",
     "load_cell.pushes_only": "pushes_only: true # false where inertia, gravity or friction pull inwards",
 }
-"""What has no default beside a real stage, with a line that would do; keys of a device if it is hardware."""
+"""Settings without default beside a real stage, each with a line that would do; of devices if hardware."""
 _INSTRUMENT_N = 15.0
-"""What the strongest joints of a catheter have to bear (ISO 10555-1, of 1.85 mm and more)."""
+"""Force that the strongest joints of a catheter have to bear (ISO 10555-1, of 1.85 mm and more)."""
 _INDENTATION_M = 0.01
 """Way from touch to force limit: at 3 N of a wall of 300 N/m, about as soft as the presets' presliding."""
 

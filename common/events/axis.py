@@ -55,9 +55,9 @@ class EventCoalescer(Generic[K, E]):
 
 
 RepeatedEvents = EventCoalescer[tuple[str, str], dict[str, Detail]]
-"""Of log lines: event and what it is counted by, details."""
+"""Repeated log lines: event and what it is counted by, details."""
 Transition = tuple[SafetyState, str, SafetyState, str]
-"""Of the safety state machine: before, event, after, reason."""
+"""Transition of the safety state machine: before, event, after, reason."""
 
 
 class AxisEvents:

@@ -40,7 +40,7 @@ _LIMITED = {
     DISTRUSTED: "prediction not believed, the late force at the hand",
     CONTACT_LOST: "the wall gave way, what was learned of it is forgotten",
 }
-"""What became of a motion or a force by a rule; of others that they were limited."""
+"""Effect of a rule on a motion or a force; others are said to be limited."""
 
 _UNITS = ContextVar("units", default=("m", "N"))
 PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: ""}

@@ -14,10 +14,10 @@ SCALE_FACTOR = 2.0
 """Gain and data sheet agree within it: data sheets are right to some per cent, and a mistaken unit is further
 off (a pound-force is 4.4 N, a kilogram-force 9.8 N)."""
 _STAGE_TOLERANCE = 0.01
-"""Of the settings' scale: the lead of a screw is right to 0.1 % (ISO 3408-3, grade T10)."""
+"""Share of the settings' scale: the lead of a screw is right to 0.1 % (ISO 3408-3, grade T10)."""
 
 Serial = Annotated[str, Field(min_length=1, max_length=64)]
-"""What a calibration is bound to."""
+"""Serial number to which a calibration is bound."""
 
 
 class LoadCellCalibration(Settings):

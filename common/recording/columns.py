@@ -55,7 +55,7 @@ def candidates(names: Sequence[str], units: NamedUnits[str, str], quantity: Quan
 
 
 def undecided(names: Sequence[str], units: NamedUnits[str, str], quantity: Quantity) -> list[Choice]:
-    """The columns whose name speaks of nothing else."""
+    """Columns that may hold the quantity: their names speak of no other one and of no derivative."""
     others = [other for other in QUANTITIES if other != quantity]
     return [
         Choice(name, unit_of(quantity, units.get(name, "")))

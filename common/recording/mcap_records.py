@@ -17,7 +17,7 @@ from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import reason_of, room_of
 
 DAMAGE = (struct.error, ValueError, OverflowError, MemoryError, RuntimeError, McapError, zstandard.ZstdError)
-"""What the library and its decompressors raise for bytes that are no record."""
+"""Exceptions of the library and its decompressors for bytes that are no record."""
 
 
 class _CutError(Exception):
@@ -52,7 +52,7 @@ class RecordReader:
         self.at = 0
         """The byte where the record, or the chunk that holds it, begins."""
         self.truncated = True
-        """Whether the file ends before its footer; known after the iteration."""
+        """True if the file ends before its footer; known after the iteration."""
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             raise RecordingError(f"{path}: does not start as an MCAP file, expected one")
 

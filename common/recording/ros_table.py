@@ -19,7 +19,7 @@ from forefeel.common.recording.recording import Array, opened, require_room, roo
 _UNITS = {"force": "N", "torque": "Nm", "position": "m"}
 """REP 103: SI units everywhere. A joint's position may be rad."""
 Size = tuple[int, int, float]
-"""Of a field: its least bytes in a file, those in memory then, and the most for each further one."""
+"""Least bytes of a field in a file, those in memory then, and the most for each further one."""
 _BASE, _NAME, _ARRAY = 1, 2, 3  # Nodetype of rosbags
 _PACKED = {"64": 8, "32": 4, "16": 2, "ng": 4}  # bytes by the end of a primitive's name, a string's length
 _OBJECT_BYTES = 200  # of a number, a text or a message in Python with what holds it

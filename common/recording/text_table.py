@@ -188,7 +188,7 @@ def _decoded(head: bytes) -> tuple[str, str]:
 
 
 def _delimiter(lines: Sequence[str]) -> tuple[str, int]:
-    """The first that cuts most lines into equally many cells, two at least; and how many."""
+    """The first delimiter that cuts most lines into equally many cells, two at least; and how many."""
     for delimiter in (*_DELIMITERS, _BLANK):
         widths = Counter(len(_split(line, delimiter)) for line in lines)
         width = max(widths, key=widths.__getitem__, default=1)

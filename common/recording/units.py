@@ -19,7 +19,7 @@ TO_SI: dict[Quantity, dict[str, float]] = {
         "kip": 4448.2216152605, "MN": 1e6, "Nm": 1.0, "mNm": 1e-3, "Ncm": 1e-2,
     },
 }  # fmt: skip
-"""Of a rotation rad stand for m, and N m for N."""
+"""For a rotation rad stand for m, and N m for N."""
 _OTHER_WORDS: dict[Quantity, dict[str, str]] = {
     "time": {
         "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millis": "ms",

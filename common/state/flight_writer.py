@@ -74,7 +74,7 @@ class FlightWriter:
         self.worker.close()
 
     def write(self, closing: bool) -> float | None:
-        """Writes the requested records, each half a second after its event, or at once; s until the next."""
+        """Writes the requested records, half a second after each event or when closing; s to the next."""
         while self._requests:
             request = self._requests[0]
             left_ns = request.stamp_ns + AFTER_NS - self._clock.now_ns()

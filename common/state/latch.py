@@ -12,7 +12,7 @@ from forefeel.common.runtime.threads import Worker
 from forefeel.common.state.folder import own_file, sync_folder
 
 _BYTES = 16 * 1024
-"""Of the file, whatever it says. 60 axes with a reason of 256 characters each."""
+"""Size of the file, whatever it says: 60 axes with a reason of 256 characters each."""
 _RETRY_S = 1.0  # between two attempts to write to a full disk
 _MOVING = FOLLOWING | {SafetyState.STOPPING}
 _ALL = ""

@@ -7,7 +7,7 @@ from forefeel.common.errors import EndpointError
 
 _SECURED = ("tls", "quic")
 _OURS = frozenset({"iface", "bind", "dscp", "so_sndbuf", "so_rcvbuf"})
-"""What may follow `#` in an endpoint; the rest of what Zenoh reads there can undo the configured security."""
+"""Options that may follow `#` in an endpoint; the rest that Zenoh reads there can undo its security."""
 _FOLDER = "transport.pki (--pki), a copy of DIR/CELL/ROLE of `forefeel pki init DIR --cell CELL`"
 
 
@@ -75,9 +75,6 @@ def on_loopback(endpoint: str) -> bool:
 
     That is an address of the loopback network, or `localhost`. Any other name is taken as outside, for who
     answers for it may change.
-
-    True for an address of the loopback network and for `localhost`. Any other name is taken as outside, for
-    who answers for it may change.
     """
     host = endpoint.partition("/")[2].partition("?")[0].partition("#")[0].rpartition(":")[0].strip("[]")
     try:

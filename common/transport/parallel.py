@@ -27,7 +27,7 @@ from forefeel.common.transport.settings import MOST_CONNECTIONS, TransportSettin
 from forefeel.common.transport.zenoh_bus import Publication, ZenohTransport
 
 _LOOK_S = 0.1
-"""How often is looked which connections have a subscriber: one that is gone loses its share for so long."""
+"""Interval of the search for subscribers: a connection that has lost its own loses its share for so long."""
 
 
 class ParallelTransport:
@@ -66,7 +66,7 @@ class ParallelTransport:
         insecure: bool = False,
         real_stage: bool = False,
     ) -> Self:
-        """All of the sessions, or none. See `ZenohTransport.open`, also for what is raised."""
+        """Opens all of the sessions, or none. See `ZenohTransport.open`, also for what is raised."""
         count = settings.parallel_connections
         only_connects = settings.model_copy(update={"listen": ()})
         wanted = [settings] if count == 1 else [only_connects] * count
@@ -196,6 +196,7 @@ class _Turns:
 
 
 def _all_of(puts: Sequence[Put]) -> Put:
+    """One `Put` that calls all of them."""
     if len(puts) == 1:
         return puts[0]
 
@@ -209,7 +210,7 @@ def _all_of(puts: Sequence[Put]) -> Put:
 def _all_or_none(
     wanted: Sequence[TransportSettings], opened: Callable[[TransportSettings], ZenohTransport]
 ) -> list[ZenohTransport]:
-    """Opens them at the same time, for each may wait some round trips for a router."""
+    """Opens all at once, for each may wait for a router; closes them again where one fails."""
     with ExitStack() as opened_sessions:
         opening = [in_thread(partial(opened, one), "zenoh open") for one in wanted]
         for future in opening:

@@ -30,7 +30,7 @@ refused second master stopped the stage of the first one, five times of five. Cl
 """
 
 _WAITING_SAMPLES = 4096
-"""What a subscriber that lags keeps: 4 s of a 1 kHz stream; older samples make room."""
+"""Samples that a lagging subscriber keeps: 4 s of a 1 kHz stream; older samples make room."""
 
 WAITING_OBSERVED = 65_536
 """The same of who hears all of a cell, more than 4000 samples a second: a recorder that waits its turn for
