@@ -32,9 +32,7 @@ BATCH_NS = 20_000_000
 
 
 class Publisher:
-    """Publishes one topic of one axis. Stamps and numbers are given by `header`, so that a message is built
-    once.
-    """
+    """Publishes one topic of one axis; `header` gives stamp and number, so that a message is built once."""
 
     def __init__(self, codec: type[Codec], puts: Sequence[Put]) -> None:
         self._encode, self._puts = codec.encode, puts
@@ -53,7 +51,7 @@ class Publisher:
 def observed(
     topic: Topic[M], payload: bytes, receive_ns: int, codec: type[Codec] = Codec
 ) -> list[tuple[M, int]]:
-    """What an observer hears under the key of a topic: each message, and when it was received.
+    """Messages that an observer receives under the key of a topic, each with its receive stamp.
 
     The last one of a batch now, the others so much before as they were sent before it.
 
@@ -64,7 +62,7 @@ def observed(
         return [(codec.decode(topic.message, payload), receive_ns)]
     messages = codec.decode_batch(topic.message, payload)
     last_ns = max((message.stamp_ns for message in messages), default=0)
-    return [(each, receive_ns - min(last_ns - each.stamp_ns, _MOST_BATCHED_NS)) for each in messages]
+    return [(message, receive_ns - min(last_ns - message.stamp_ns, _MOST_BATCHED_NS)) for message in messages]
 
 
 class Bus:
@@ -89,7 +87,7 @@ class Bus:
         self.malformed: Counter[str] = Counter()
 
     def publisher(self, topic: Topic[Message]) -> Publisher:
-        """What of a batched topic the other end takes is put at once, the batch by `end_batches`."""
+        """Publisher of a topic; of a batched one, the batch for observers waits for `end_batches`."""
         assert topic.published, topic.name
         key = topic.key(self._cell, self._axis)
         puts: list[Put] = []
@@ -106,7 +104,7 @@ class Bus:
         return Publisher(self._codec, puts)
 
     def end_batches(self, now_ns: int, last: bool = False) -> None:
-        """Puts what is gathered for observers, when it is time; from the loop that sends it, at each tick."""
+        """Puts the batches for observers every 20 ms, or with `last`; called by the sender at each tick."""
         if now_ns - self._batched_ns < BATCH_NS and not last:
             return
         self._batched_ns = now_ns
@@ -122,15 +120,11 @@ class Bus:
         handler: Callable[[M, int], None],
         on_malformed: Callable[[], None] | None = None,
     ) -> None:
-        """Calls `handler(message, receive_ns)` for each well-formed message; others are counted, and
-        `on_malformed` is called.
-        """
+        """Calls `handler(message, receive_ns)` for each message, or counts and calls `on_malformed`."""
         self._transport.subscribe(*self._received(topic, handler, on_malformed))
 
     def polled(self, topic: Topic[M], handler: Callable[[M, int], None]) -> Poll:
-        """The same by what is returned, for a loop to call; of what came since its last tick in the order in
-        which it was sent, for several connections bring it.
-        """
+        """Like `subscribe`, but hands over, in the order of sending, when what is returned is called."""
         waiting: list[tuple[M, int]] = []
         take = self._transport.polled(
             *self._received(topic, lambda message, receive_ns: waiting.append((message, receive_ns)))
@@ -152,7 +146,7 @@ class Bus:
         handler: Callable[[M, int], None],
         on_malformed: Callable[[], None] | None = None,
     ) -> tuple[str, Handler]:
-        """The key of a topic, and what takes its payloads."""
+        """Key under which a topic is received, and the handler that decodes payloads and counts bad ones."""
         kind, name, malformed, decode = topic.message, topic.name, self.malformed, self._codec.decode
         key = topic.key(self._cell, self._axis)
         received = None if self._rings is None else self._rings.ring(key).received

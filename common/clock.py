@@ -43,17 +43,13 @@ class MonotonicClock:
         return MonotonicClock.read_ns()
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
-        """Sleeps to an absolute deadline; returns at once when it is past. The interpreter lock is free
-        meanwhile.
-        """
+        """Sleeps to an absolute deadline, the interpreter lock free; returns at once when it is past."""
         remaining_ns = deadline_ns - MonotonicClock.read_ns()
         if remaining_ns > 0:
             time.sleep(remaining_ns * 1e-9)
 
     def hold_ns(self, duration_ns: int) -> None:
-        """Sleeps for less than a second without giving the interpreter lock away: no other thread of the
-        process runs meanwhile. For the moment before a tick.
-        """
+        """Sleeps for less than 1 s with the interpreter lock held: no other thread of the process runs."""
         _C_KEEPING_THE_LOCK.nanosleep(ctypes.byref(_Timespec(0, duration_ns)), None)
 
 

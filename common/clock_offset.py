@@ -43,7 +43,7 @@ _CERTAIN = 6.0
 
 @dataclass(frozen=True, slots=True)
 class OffsetEstimate:
-    """What is known of the peer's clock and of the path to it. Stamps of both clocks, in ns.
+    """Estimate of the peer's clock and of the path to it. Stamps of both clocks, in ns.
 
     Attributes:
         offset_ns: the peer's clock minus ours, true to within +-`bound_ns`.
@@ -66,7 +66,7 @@ class OffsetEstimate:
         return inward_ns + self.outward_ns
 
     def ahead_ns(self, inward_ns: int) -> int:
-        """By how much the message was certainly stamped in the future, 0 where it may not have been.
+        """Least time by which the message was stamped in the future; 0 where it may not have been.
 
         The clocks may have parted since the outward transit, which is up to a second and a round trip old.
         """
@@ -74,7 +74,7 @@ class OffsetEstimate:
         return max(0, -self.completed_ns(inward_ns) - parted_ns)
 
     def excess_ns(self, inward_ns: int) -> int:
-        """By how much that round trip exceeds the smallest one of the session."""
+        """Time by which that round trip exceeds the smallest one of the session."""
         return self.completed_ns(inward_ns) - self.least_round_trip_ns
 
 
@@ -83,17 +83,17 @@ class _Smallest(Generic[V]):
 
     def __init__(self, span_ns: int) -> None:
         self._span_ns = span_ns
-        self._kept: deque[tuple[int, V]] = deque()
+        self._candidates: deque[tuple[int, V]] = deque()
 
     def with_newest(self, stamp_ns: int, value: V) -> V:
-        """The smallest after one more has come."""
-        kept = self._kept
-        while kept and kept[-1][1] >= value:
-            kept.pop()
-        kept.append((stamp_ns, value))
-        while kept[0][0] < stamp_ns - self._span_ns:
-            kept.popleft()
-        return kept[0][1]
+        """Adds a value; returns the smallest of the span."""
+        candidates = self._candidates
+        while candidates and candidates[-1][1] >= value:
+            candidates.pop()
+        candidates.append((stamp_ns, value))
+        while candidates[0][0] < stamp_ns - self._span_ns:
+            candidates.popleft()
+        return candidates[0][1]
 
 
 class _Span(NamedTuple):
@@ -121,7 +121,7 @@ class ClockOffset:
         self.best: OffsetEstimate | None = None
 
     def update(self, t1: int, t2: int, t3: int, t4: int) -> None:
-        """One exchange, see the module; all in ns.
+        """Takes one exchange, see the module, into `best`; all in ns.
 
         Exchanges that can not be (a negative round trip, an answer before its question: a clock that was set,
         a forged stamp) are ignored. Nothing is known before the second.
@@ -151,6 +151,7 @@ class ClockOffset:
         )
 
     def _follow_rate(self, span: _Span) -> None:
+        """Merges an exchange into its span of time; estimates the rate anew once a second."""
         if not self._spans or self._spans[-1].number < span.number:
             if span.number % _SPANS_PER_LOOK == 0:
                 self._rate_ppm = _certain_rate_ppm(self._spans)
@@ -170,8 +171,8 @@ def _certain_rate_ppm(spans: Sequence[_Span]) -> float:
     Outward transits grow by the rate and inward ones shrink by it, in every third of the time. A path that
     becomes slower shows in one direction, a clock that was set in one third.
     """
-    found = list(spans)
-    rates_ppm = [_agreed_rate_ppm(found[-count:]) for count in _LOOKED_AT if len(found) >= count]
+    history = list(spans)
+    rates_ppm = [_agreed_rate_ppm(history[-count:]) for count in _LOOKED_AT if len(history) >= count]
     return max(rates_ppm, key=abs, default=0.0)
 
 
@@ -179,11 +180,11 @@ def _agreed_rate_ppm(spans: Sequence[_Span]) -> float:
     """The smallest rate of both directions in every third of the spans, 0 where two of them disagree."""
     third = len(spans) // 3
     rates_ppm = [
-        _certain_slope([(each.number, transit_ns) for each, transit_ns in chosen]) * 1e6 / _SPAN_NS
+        _certain_slope(points) * 1e6 / _SPAN_NS
         for thirds in (spans[:third], spans[third:-third], spans[-third:])
-        for chosen in (
-            [(each, each.outward_ns) for each in thirds],
-            [(each, -each.inward_ns) for each in thirds],
+        for points in (
+            [(span.number, span.outward_ns) for span in thirds],
+            [(span.number, -span.inward_ns) for span in thirds],
         )
     ]
     agree = min(rates_ppm) > 0.0 or max(rates_ppm) < 0.0

@@ -44,7 +44,7 @@ def decode(kind: type[M], payload: bytes) -> M:
     if len(payload) > kind.most_bytes:
         raise CodecError(f"message of {len(payload)} bytes, at most {kind.most_bytes} are accepted")
     try:
-        fields = _decoder(kind).decode(payload)
+        fields = _decoders(kind)[0].decode(payload)
     except _REFUSED as error:
         raise _refusal(kind, error) from error
     return _message(kind, fields)
@@ -65,24 +65,24 @@ def decode_batch(kind: type[M], payload: bytes) -> list[M]:
     if payload[:1] != _ARRAY:
         return [decode(kind, payload)]
     try:
-        batch = _batch_decoder(kind).decode(payload)
+        batch = _decoders(kind)[1].decode(payload)
     except _REFUSED as error:
         raise _refusal(kind, error) from error
     return [_message(kind, fields) for fields in batch]
 
 
 def counted(payload: bytes) -> int:
-    """How many messages a payload says that it holds: one, or those of a batch."""
+    """Number of messages that a payload says it holds: one, or those of a batch."""
     return min(int.from_bytes(payload[1:5], "big"), MOST_BATCHED) if payload[:1] == _ARRAY else 1
 
 
 def _refusal(kind: type[Message], error: Exception) -> CodecError:
-    told = repr(str(error))[1:-1]  # may hold a name from the network: one line
-    return CodecError(f"{kind.__name__}: {told[-200:]}")
+    text = repr(str(error))[1:-1]  # may hold a name from the network: one line
+    return CodecError(f"{kind.__name__}: {text[-200:]}")
 
 
 def _message(kind: type[M], fields: msgspec.Struct) -> M:
-    """The checked fields as the model, which would check them again."""
+    """Makes the model of checked fields, unvalidated; raises CodecError for another protocol version."""
     message = kind.__new__(kind)
     values = msgspec.structs.asdict(fields)
     _set(message, "__dict__", values)
@@ -101,7 +101,6 @@ def _names(kind: type[Message]) -> set[str]:
     return set(kind.model_fields)
 
 
-@cache
 def _struct(kind: type[Message]) -> type[msgspec.Struct]:
     """The fields of a model with their types, ranges and defaults; another name is refused.
 
@@ -116,14 +115,11 @@ def _struct(kind: type[Message]) -> type[msgspec.Struct]:
 
 
 @cache
-def _decoder(kind: type[Message]) -> "msgspec.msgpack.Decoder[msgspec.Struct]":
-    return msgspec.msgpack.Decoder(_struct(kind))
-
-
-@cache
-def _batch_decoder(kind: type[Message]) -> "msgspec.msgpack.Decoder[list[msgspec.Struct]]":
-    batch: Any = list[_struct(kind)]  # type: ignore[misc]
-    return msgspec.msgpack.Decoder(Annotated[batch, msgspec.Meta(max_length=MOST_BATCHED)])
+def _decoders(kind: type[Message]) -> tuple["msgspec.msgpack.Decoder[Any]", "msgspec.msgpack.Decoder[Any]"]:
+    """Decoders of one message's fields, and of a batch."""
+    fields: Any = _struct(kind)
+    batch = Annotated[list[fields], msgspec.Meta(max_length=MOST_BATCHED)]
+    return msgspec.msgpack.Decoder(fields), msgspec.msgpack.Decoder(batch)
 
 
 def _type(hint: Any, most_items: int, rules: Sequence[Any] = ()) -> Any:  # noqa: ANN401 - a type
@@ -133,19 +129,19 @@ def _type(hint: Any, most_items: int, rules: Sequence[Any] = ()) -> Any:  # noqa
         rules = [rule for info in inner[1:] if isinstance(info, FieldInfo) for rule in info.metadata]
         return _type(inner[0], most_items, rules)
     if origin in (Union, UnionType):
-        return Union[tuple(_type(each, most_items) for each in inner)]  # noqa: UP007 - of a tuple
-    told = {name: getattr(rule, name) for rule in rules for name in _RULES if hasattr(rule, name)}
-    if pattern := told.get("pattern"):
-        told["pattern"] = pattern.removesuffix("$") + r"\Z"  # pydantic's `$` takes no line end before it
+        return Union[tuple(_type(part, most_items) for part in inner)]  # noqa: UP007 - of a tuple
+    bounds = {name: getattr(rule, name) for rule in rules for name in _RULES if hasattr(rule, name)}
+    if pattern := bounds.get("pattern"):
+        bounds["pattern"] = pattern.removesuffix("$") + r"\Z"  # pydantic's `$` takes no line end before it
     if origin in (tuple, dict):
-        told.setdefault("max_length", most_items)
-        types = tuple(each if each is ... else _type(each, most_items) for each in inner)
+        bounds.setdefault("max_length", most_items)
+        types = tuple(part if part is ... else _type(part, most_items) for part in inner)
         hint = origin[types]
-    return Annotated[hint, msgspec.Meta(**told)] if told else hint
+    return Annotated[hint, msgspec.Meta(**bounds)] if bounds else hint
 
 
 class Codec:
-    """What goes over a transport for messages: bytes."""
+    """Messages as bytes, as they go over a transport."""
 
     encode = staticmethod(encode)
     decode = staticmethod(decode)

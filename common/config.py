@@ -23,9 +23,7 @@ class Settings(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys_and_true_numbers(cls, data: Any) -> Any:  # noqa: ANN401 - raw input of pydantic
-        """YAML reads yes, no, on and off as truth values and quoted numbers as text; pydantic takes both for
-        numbers.
-        """
+        """Refuses unknown keys, and truth values or text for numbers: YAML reads yes and on as true."""
         for name, value in data.items() if isinstance(data, dict) else ():
             if name not in cls.model_fields:
                 known = sorted(cls.model_fields)
@@ -35,7 +33,7 @@ class Settings(BaseModel):
                 )
             values = value if isinstance(value, list | tuple) else [value]
             kinds = _leaves(cls.model_fields[name].annotation)
-            if bool not in kinds and any(isinstance(each, bool) for each in values):
+            if bool not in kinds and any(isinstance(entry, bool) for entry in values):
                 raise ValueError(f"{name} = {value}: expected no truth value (YAML reads yes and on as true)")
             if kinds & {int, float} and str not in kinds and any(map(_is_quoted_number, values)):
                 raise ValueError(f"{name} = {value!r}: expected a number, not text")
@@ -80,9 +78,8 @@ def checked(
 
 
 def beside_the_file(path: Path, info: ValidationInfo) -> Path:
-    """A relative path counts from the folder of the settings file, which the validation context names.
-
-    Absolute, for effective settings that are printed may be read from elsewhere.
+    """Makes a path absolute, from the folder of the settings file, which the validation context names:
+    effective settings that are printed may be read from elsewhere. Raises ValueError for an impossible path.
     """
     text = os.fsencode(path)
     if b"\0" in text or len(text) > _MOST_PATH or max(map(len, text.split(b"/"))) > _MOST_NAME:
@@ -91,6 +88,7 @@ def beside_the_file(path: Path, info: ValidationInfo) -> Path:
 
 
 def _describe(problem: ErrorDetails, where: str, lines: dict[Place, int]) -> str:
+    """One line for a mistake: file, line, place, value, what was expected."""
     loc, value = problem["loc"], problem["input"]
     if problem["type"] == "unknown_key":
         loc = (*loc, problem["ctx"]["key"])
@@ -115,14 +113,14 @@ def _describe(problem: ErrorDetails, where: str, lines: dict[Place, int]) -> str
 
 
 def _describe_kind(
-    found: dict[str, Any], where: str, place: Place, dotted: str, lines: dict[Place, int]
+    context: dict[str, Any], where: str, place: Place, dotted: str, lines: dict[Place, int]
 ) -> str:
-    """The key that tells which of several kinds of section stands at a place is unknown or missing."""
-    key = str(found["discriminator"]).strip("'")
+    """One line for a section whose kind, by its `discriminator`, is unknown or missing."""
+    key = str(context["discriminator"]).strip("'")
     head = f"{where}{_line((*place, key), lines)}: {dotted}.{key}"
-    if "tag" not in found:
+    if "tag" not in context:
         return f"{head}: missing, a value is required"
-    return f"{head} = {shown_key(str(found['tag']))!r}: expected one of {found['expected_tags']}"
+    return f"{head} = {shown_key(str(context['tag']))!r}: expected one of {context['expected_tags']}"
 
 
 def _leaves(annotation: Any) -> set[Any]:  # noqa: ANN401 - any type expression

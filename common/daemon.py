@@ -1,4 +1,4 @@
-"""What both daemons do alike: one impaired transport, the reports on loop timing and impairment."""
+"""Common parts of both daemons: one impaired transport, the reports on loop timing and impairment."""
 
 from collections.abc import Callable, Sequence
 from typing import TypeVar
@@ -19,7 +19,7 @@ from forefeel.common.transport.settings import ImpairmentSettings
 A = TypeVar("A")
 SECOND_NS = 1_000_000_000  # ns in a second, from which the periods of the tasks are derived
 _KNOWN_NS = SECOND_NS
-"""Who listens is known to a daemon so long after its start; nobody hears what is published before."""
+"""Time after its start until a daemon knows who listens; nobody receives what is published before."""
 
 
 def impaired(inner: Transport, settings: LinkImpairment, role: Role, runtime: Runtime) -> ImpairedTransport:
@@ -50,8 +50,8 @@ def _replayed(run: Run, role: Role, link: str) -> ImpairedLink | None:
     return ReplayedImpairment(trace) if trace else None
 
 
-def each(axes: Sequence[A], action: Callable[[A, int], None]) -> Tick:
-    """One action of every axis as a task."""
+def for_each(axes: Sequence[A], action: Callable[[A, int], None]) -> Tick:
+    """Task that calls an action for every axis."""
 
     def tick(now_ns: int) -> None:
         for axis in axes:
@@ -61,9 +61,7 @@ def each(axes: Sequence[A], action: Callable[[A, int], None]) -> Tick:
 
 
 class Reports:
-    """Publishes the loop's lateness once a second and the impairment's trace ten times a second, on the first
-    axis' keys.
-    """
+    """Publishes the loop's lateness each second and the impairment's trace each 0.1 s, by the first axis."""
 
     def __init__(
         self, bus: Bus, role: Role, lateness: Lateness, transport: ImpairedTransport, runtime: Runtime
@@ -79,6 +77,7 @@ class Reports:
         runtime.task(f"{role} impairment trace", SECOND_NS // 10, self.impairment)
 
     def timing(self, now_ns: int) -> None:
+        """Publishes the lateness of the loop since its start."""
         lateness = self._lateness
         self._timing.send(
             LoopTiming(
@@ -96,16 +95,14 @@ class Reports:
         )
 
     def flush(self, now_ns: int) -> None:
-        """What is left of both, each whatever becomes of the other; after the loop has ended."""
+        """Publishes both a last time, each whatever becomes of the other; after the loop has ended."""
         try:
             self.timing(now_ns)
         finally:
             self.impairment(now_ns, last=True)
 
     def impairment(self, now_ns: int, last: bool = False) -> None:
-        """What became of each message since the last call; of the first second at its end, or a recorder
-        would lack the begin.
-        """
+        """Publishes the trace since the last call; nothing in the first second, before a recorder listens."""
         self._since_ns = now_ns if self._since_ns is None else self._since_ns
         if now_ns - self._since_ns < _KNOWN_NS and not last:
             return

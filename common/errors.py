@@ -24,7 +24,7 @@ class ForefeelError(Exception):
 
 
 class InputError(ForefeelError):
-    """What the user gave is wrong; the text is one line that says where, what and what was expected."""
+    """Wrong input of the user; the text is one line that says where, what and what was expected."""
 
     def answered_by(self, *command: object) -> str:
         """The text in one line; to it the command to type, where a word would do."""
@@ -40,7 +40,7 @@ class RecordingError(InputError):
 
 
 class UnclearError(RecordingError):
-    """Which column is what, or in which unit, is not sure.
+    """The file leaves open which column is what, or in which unit.
 
     Attributes:
         doubt: what is not sure.
@@ -82,7 +82,7 @@ class DeviceError(ForefeelError):
 
 
 class DeviceSetupError(DeviceError, InputError):
-    """What the configuration names is no device that can be used: wrong port, wrong device, wrong setting."""
+    """The configuration names no device that can be used: wrong port, wrong device, wrong setting."""
 
 
 def check_config_alone(*others: object) -> None:

@@ -1,4 +1,4 @@
-"""What the flight recorder holds in memory: the newest seconds of each stream. Pure; nothing is encoded here.
+"""Memory of the flight recorder: the newest seconds of each stream. Pure; nothing is encoded here.
 
 A ring for each key, so that a flood on one washes out no other. Rings are filled by any thread with tuples
 whose first member is their stamp, and read by the one that writes a record.

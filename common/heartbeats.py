@@ -9,14 +9,14 @@ _REMEMBERED = 256  # beats: 13 s of them, more than any round trip that a sessio
 
 
 class Heartbeats:
-    """One end of the exchange. `heard` runs where the transport delivers, `beat` on asyncio."""
+    """One end of the exchange. `receive` runs where the transport delivers, `beat` on asyncio."""
 
     def __init__(self, publisher: Publisher) -> None:
         self._publisher = publisher
         self.restart()
 
     def restart(self) -> None:
-        """A new session: nothing is known of the peer. A new estimator, for the old one may be in use."""
+        """Forgets the peer for a new session. A new estimator, for the old one may be in use."""
         self._clock = ClockOffset()
         self._newest: tuple[int, int] | None = None
         self._order = StampOrder()
@@ -27,15 +27,16 @@ class Heartbeats:
     def offset(self) -> OffsetEstimate | None:
         return self._clock.best
 
-    def heard(self, heartbeat: Heartbeat, receive_ns: int) -> bool:
-        """A heartbeat of the peer, received at `receive_ns` of our clock; whether it is of this session.
+    def receive(self, heartbeat: Heartbeat, receive_ns: int) -> bool:
+        """Takes a heartbeat of the peer, received at `receive_ns` of our clock; False where it is refused.
 
-        One that was heard before, is stamped ahead of the others, or echoes what was never sent, is a replay
-        or a forgery and says nothing: neither that the peer lives nor what its clock shows. So a peer whose
-        clock is set back loses its session.
+        One that was received before, is stamped ahead of the others, or echoes what was never sent, is a
+        replay or a forgery and says nothing: neither that the peer lives nor what its clock shows. So a peer
+        whose clock is set back loses its session.
         """
         echo_ns, echo_receive_ns = heartbeat.echo_stamp_ns, heartbeat.echo_receive_ns
-        if not self._may_echo(echo_ns) or self._order.judge(heartbeat.stamp_ns, receive_ns) != "newer":
+        known = not self._answered if echo_ns is None else echo_ns in self._sent_ns
+        if not known or self._order.judge(heartbeat.stamp_ns, receive_ns) != "newer":
             return False
         self._newest = heartbeat.stamp_ns, receive_ns
         if echo_ns is not None and echo_receive_ns is not None:
@@ -43,11 +44,8 @@ class Heartbeats:
             self._clock.update(echo_ns, echo_receive_ns, heartbeat.stamp_ns, receive_ns)
         return True
 
-    def _may_echo(self, echo_ns: int | None) -> bool:
-        """Nothing before the first answer, from then on a stamp of ours."""
-        return not self._answered if echo_ns is None else echo_ns in self._sent_ns
-
     def beat(self, session_id: int, now_ns: int) -> None:
+        """Sends a heartbeat that echoes the peer's newest with its receive stamp."""
         stamp_ns, receive_ns = self._newest or (None, None)
         self._sent_ns = (*self._sent_ns[1 - _REMEMBERED :], now_ns)
         self._publisher.send(

@@ -27,7 +27,7 @@ Field = tuple[str, Any] | tuple[str, Any, tuple[int, ...]]
 
 COMPILED = os.environ.get("FOREFEEL_JIT", "1") != "0" and os.environ.get("NUMBA_DISABLE_JIT", "0") == "0"
 _KEPT = "*.nbi", "*.nbc"
-"""What numba keeps in `__pycache__`: an index and the code of each kernel."""
+"""Files that numba keeps in `__pycache__`: an index and the code of each kernel."""
 _WITH_KERNELS = "common/estimation", "common/causes"
 _STAMP = "common/__pycache__/kernels.sha256"
 
@@ -38,21 +38,22 @@ def kernel(function: F) -> F:
 
 
 def fast_kernel(function: F) -> F:
-    """As `kernel`; sums may be reordered, so that they use the processor's wide registers."""
+    """Compiles like `kernel`; sums may be reordered, so that they use the processor's wide registers."""
     return _compiled(function, fastmath={"reassoc", "contract", "nsz"})
 
 
 def _compiled(function: F, fastmath: bool | set[str]) -> F:
+    """Compiles by numba, once stale code is removed; plain Python where it is switched off."""
     if not COMPILED:
         return _plain(function)
     import numba  # noqa: PLC0415 - not needed for plain Python
 
-    _forget_what_is_old()
+    _remove_stale_code()
     return cast(F, numba.njit(cache=True, fastmath=fastmath)(function))
 
 
 def _plain(function: F) -> F:
-    """Records have attributes in numba; in numpy only as `recarray`."""
+    """Makes records `recarray`s: they have attributes in numba, in numpy only so."""
 
     @wraps(function)
     def call(*arguments: object) -> object:
@@ -68,7 +69,7 @@ def _with_attributes(argument: object) -> object:
 
 
 @cache
-def _forget_what_is_old() -> None:
+def _remove_stale_code() -> None:
     """Removes all that numba has kept when any of the sources has changed.
 
     Numba takes what it kept for fresh as long as the kernel's own file is unchanged, though the code of every
@@ -77,20 +78,18 @@ def _forget_what_is_old() -> None:
     package = Path(__file__).parents[1]  # forefeel/, by its links: not resolved
     folders = [package / name for name in _WITH_KERNELS]
     sources = b"\0".join(path.read_bytes() for folder in folders for path in sorted(folder.rglob("*.py")))
-    found, stamp = hashlib.sha256(sources).hexdigest(), package / _STAMP
+    digest, stamp = hashlib.sha256(sources).hexdigest(), package / _STAMP
     with suppress(OSError):
-        if stamp.exists() and stamp.read_text(encoding="ascii") == found:
+        if stamp.exists() and stamp.read_text(encoding="ascii") == digest:
             return
-        for path in (each for folder in folders for kept in _KEPT for each in folder.rglob(kept)):
+        for path in (path for folder in folders for pattern in _KEPT for path in folder.rglob(pattern)):
             path.unlink(missing_ok=True)
         stamp.parent.mkdir(exist_ok=True)
-        stamp.write_text(found, encoding="ascii")
+        stamp.write_text(digest, encoding="ascii")
 
 
 def record(of: type) -> np.dtype[np.void]:
-    """The record whose fields are the annotations of the class `of`: float, Annotated[Array, *shape], or a
-    class of the same kind.
-    """
+    """The record of a class by its annotations: float, Annotated[Array, *shape], or a class like it."""
     return np.dtype(
         [_field(name, hint) for name, hint in get_type_hints(of, include_extras=True).items()], align=True
     )

@@ -1,4 +1,4 @@
-"""How late a fixed-rate loop wakes up: a histogram over log-spaced edges, its quantiles, its maximum."""
+"""Lateness of a fixed-rate loop's wake-ups: a histogram over log-spaced edges, its quantiles, its maximum."""
 
 from bisect import bisect_left
 
@@ -36,9 +36,7 @@ class Lateness:
         self.ticks += 1
 
     def quantile_us(self, q: float) -> float:
-        """The lateness in us that a share `q` of the ticks does not exceed: linear inside a bin, at most the
-        maximum.
-        """
+        """Lateness in us that a share `q` of the ticks does not exceed; linear inside a bin."""
         return min(self.max_us, quantile_us(self.counts, q))
 
 

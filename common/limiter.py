@@ -22,7 +22,7 @@ _PROBING_SHARE = 0.5
 5 mm/s: one that is wrong could not learn otherwise."""
 
 OVER_SHARE = 0.05
-"""Of the force limit: what a zero may be off, and what is said to be above it."""
+"""Share of the force limit: a zero may be off by it, and a force counts as above the limit beyond it."""
 _YIELD_M = 0.005
 """More than a wall moves with heart and breath, less than pulls a wire out of a branch; decisions/0030."""
 
@@ -45,7 +45,7 @@ class Reaction(NamedTuple):
 
 
 PROMPT = Reaction(0.002, 0.001, 0.003, 0.002)
-"""Of the simulated stage of 25 Hz with a cell of 200 Hz at 1 kHz: 8 ms."""
+"""Reaction of the simulated stage of 25 Hz with a cell of 200 Hz at 1 kHz: 8 ms."""
 
 
 LEAST_M_S = 0.002
@@ -59,7 +59,7 @@ def open_speed_m_s(limits: AxisLimits, reaction: Reaction) -> float:
 
 
 def claim(limits: AxisLimits, reaction: Reaction) -> str:
-    """In a line, for which speed, wall, cell and stage the force limit holds."""
+    """One line on the speed, wall, cell and stage for which the force limit holds."""
     reading_s, filter_s, stage_s, run_on_s = reaction
     return (
         f"limit {limits.max_force_n:g} N holds up to {1e3 * open_speed_m_s(limits, reaction):.3g} mm/s "
@@ -84,9 +84,8 @@ def _clip(value: float, bound: float) -> float:
 
 
 def _stoppable_m_s(room_m: float, deceleration_m_s2: float, lag_s: float) -> float:
-    """The largest speed v that comes to rest within the room: v lag + v^2 / 2a = room.
-
-    `lag_s` dt / 2: in steps of this dt. dt: whatever steps come after this one.
+    """The largest speed v that comes to rest within the room: v lag + v^2 / 2a = room. `lag_s` dt / 2: in
+    steps of this dt. dt: whatever steps come after this one.
     """
     delayed = deceleration_m_s2 * lag_s
     return sqrt(delayed * delayed + 2.0 * deceleration_m_s2 * room_m) - delayed if room_m > 0.0 else 0.0
@@ -134,7 +133,7 @@ class MotionLimiter:
         force_share: float = 1.0,
         band_n: tuple[float, float] | None = None,
     ) -> list[LimitHit]:
-        """One step of dt towards a position that moves with a velocity.
+        """Moves by one step of dt towards a position that moves with a velocity; returns what limited it.
 
         `velocity_share`: the ramp on engaging, 0 to 1. `force_share`: of the force limit, where it acts.
         `band_n`: where the force is expected for this position; it only ever slows the setpoint.
@@ -167,7 +166,7 @@ class MotionLimiter:
         return hits
 
     def stop(self, dt_s: float, force_n: float = 0.0, force_share: float = 1.0) -> None:
-        """One step of dt of the ramp to rest; steeper where the force limit demands it."""
+        """Moves by one step of dt of the ramp to rest; steeper where the force limit demands it."""
         self._age(dt_s)
         velocity = self.velocity_m_s - _clip(self.velocity_m_s, self._stop_m_s2 * dt_s)
         capped = self._towards_contact(velocity, force_n, force_share * self._force_n, None, [])
@@ -175,12 +174,12 @@ class MotionLimiter:
         self._advance(self.velocity_m_s + _clip(capped - self.velocity_m_s, change), dt_s)
 
     def _before_walls(self, velocity_m_s: float, dt_s: float) -> float:
-        """Near the ends of the workspace: slow enough that following and stopping both brake before them."""
+        """Limits the velocity so that following and stopping both brake before the workspace ends."""
         room_m = self._high_m - self.position_m if velocity_m_s > 0.0 else self.position_m - self._low_m
         return _clip(velocity_m_s, _stoppable_m_s(room_m, self._wall_m_s2, dt_s))
 
     def _age(self, dt_s: float) -> None:
-        """Finds how much of the path of the setpoint the force shows."""
+        """Advances the time by dt; finds how much of the path of the setpoint the force shows."""
         reaction, self._dt_s = self.reaction, dt_s
         self._time_s += dt_s
         passed = 1.0 - exp(-dt_s / reaction.filter_s) if reaction.filter_s > 0.0 else 1.0
@@ -192,6 +191,7 @@ class MotionLimiter:
             self._shown.popleft()
 
     def _advance(self, velocity_m_s: float, dt_s: float) -> None:
+        """Moves the setpoint by dt, not out of the workspace; from beyond it only back."""
         before_m = self.position_m
         self._path_m += abs(velocity_m_s) * dt_s
         moved_m = before_m + velocity_m_s * dt_s
@@ -237,9 +237,8 @@ class MotionLimiter:
         return sign * fastest_m_s
 
     def _yielding(self, velocity_m_s: float, force_n: float, hits: list[LimitHit]) -> float:
-        """The velocity out of a wall that pushes beyond the limit; the hand's own where that is larger.
-
-        No further than `_YIELD_M` from where the hand went: a force that stays is of no wall that moves.
+        """The velocity out of a wall that pushes beyond the limit; the hand's own where that is larger. No
+        further than `_YIELD_M` from where the hand went: a force that stays is of no wall that moves.
         """
         excess_n = force_n - (1.0 + OVER_SHARE) * self._force_n
         if excess_n <= 0.0 or velocity_m_s < 0.0:

@@ -57,7 +57,7 @@ def within(value: float, most: float) -> float:
 
 
 class Message(BaseModel):
-    """What every message carries: protocol version, session, sequence and the sender's monotonic stamp.
+    """Base of all messages: protocol version, session, sequence and the sender's monotonic stamp.
 
     `most_bytes`, `most_items`: what an encoded message of the kind, and an array or map in it, may hold. A
     forged one that claims more is refused before it costs the control loop its time.
@@ -93,7 +93,7 @@ FOLLOWING = frozenset({SafetyState.ENGAGING, SafetyState.ARMED})
 
 
 class Grip(StrEnum):
-    """What the fixture on the stage does with the instrument."""
+    """State of the fixture on the stage."""
 
     CLOSED = "closed"
     OPEN = "open"
@@ -242,7 +242,7 @@ class SlaveState(Message):
 
     @property
     def acknowledges_stop(self) -> bool:
-        """Whether the axis is stopped, and stays so over a new start."""
+        """True when the axis is stopped, and stays so over a new start."""
         return self.state is SafetyState.ESTOPPED and self.latch_persisted
 
 
@@ -263,9 +263,7 @@ class MasterState(Message):
 
 
 class Heartbeat(Message):
-    """Keeps the lease and carries the four time stamps: mine, and the newest of the peer with its receive
-    stamp.
-    """
+    """Keeps the lease and carries the four stamps: mine, and the peer's newest with its receive stamp."""
 
     echo_stamp_ns: Stamp | None = None
     echo_receive_ns: Stamp | None = None
@@ -365,7 +363,7 @@ class LoopTiming(Message):
 
 
 class ImpairmentTrace(Message):
-    """What the impairment did to each message of a link: its delays in ns; none = lost, two = doubled."""
+    """Delays in ns that the impairment gave each message of a link: none = lost, two = doubled."""
 
     most_bytes: ClassVar[int] = 64 * 1024
     most_items: ClassVar[int] = 1024

@@ -1,4 +1,4 @@
-"""What was learned of the contact of an instrument in a patient: DIR/INSTRUMENT/PATIENT.json, one file each.
+"""Contact of an instrument in a patient, as it was learned: DIR/INSTRUMENT/PATIENT.json, one file each.
 
 A file describes the patient, not the last session. Session i finds z_i = mean + day_i with its covariance
 C_i, where day_i, of covariance D, is the spread between two sessions of one patient (`widened`). So z_i
@@ -42,9 +42,7 @@ class _Keys(BaseModel):
 
 
 class StoredPrior(_Keys):
-    """One file. `date`: of the newest of its `sessions`; `contact_s`, `names`, `values`, `covariance`: see
-    `ContactPrior`.
-    """
+    """One file. `date`: of the newest of its `sessions`; for the other fields see `ContactPrior`."""
 
     date: date
     sessions: Annotated[int, Field(ge=1, le=10**9)]
@@ -67,7 +65,7 @@ class StoredPrior(_Keys):
 
 
 class Start(NamedTuple):
-    """What a session starts from, in one line where it is from, and whose it is."""
+    """Prior that a session starts from, its origin in one line, and whose it is."""
 
     prior: ContactPrior
     origin: str
@@ -117,8 +115,8 @@ def load_prior(path: Path) -> StoredPrior | None:
 
 
 def nearest(directory: Path, instrument: str, patient: str) -> Start | None:
-    """What a session with that instrument and patient starts from: the patient's own prior, else that of the
-    patient who had the instrument last, widened for another patient. None where there is neither.
+    """Start of a session with that instrument and patient: the patient's own prior, else that of the patient
+    who had the instrument last, widened for another patient. None where there is neither.
 
     One patient and not a mean of all: vessels differ in where they are touched, and a mean of walls is no
     wall.
@@ -126,10 +124,10 @@ def nearest(directory: Path, instrument: str, patient: str) -> Start | None:
     Raises:
         ConfigurationError: a bad key, or a file of the instrument that can not be used.
     """
-    own = load_prior(prior_path(directory, instrument, patient))
-    if own is not None:
-        return Start(widened(own.prior(), 1.0), f"{instrument}, patient {patient}: {own.amount}", patient)
-    others = [found for path in sorted(directory.glob(f"{instrument}/*.json")) if (found := load_prior(path))]
+    old = load_prior(prior_path(directory, instrument, patient))
+    if old is not None:
+        return Start(widened(old.prior(), 1.0), f"{instrument}, patient {patient}: {old.amount}", patient)
+    others = [other for path in sorted(directory.glob(f"{instrument}/*.json")) if (other := load_prior(path))]
     if not others:
         return None
     newest = max(others, key=lambda other: (other.date, other.contact_s))
@@ -168,6 +166,7 @@ def keep_prior(
 
 
 def _write(path: Path, document: dict[str, Any]) -> None:
+    """Writes the document whole or not at all; file and new folders are for their owner alone."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         path.parent.parent.mkdir(parents=True, exist_ok=True, mode=0o700)

@@ -39,9 +39,7 @@ ExistingFile = Annotated[Path, AfterValidator(_existing)]
 
 
 class ColumnSettings(Settings):
-    """Which columns of a table hold what, each as `unit:column`, for example `mm:laser`; by default those
-    that their names tell.
-    """
+    """Columns of a table, each as `unit:column`, for example `mm:laser`; by default as their names tell."""
 
     time: str | None = None
     position: str | None = None
@@ -71,7 +69,7 @@ _WALL_PER_M = 1000.0
 
 
 class AxisLimits(Settings):
-    """What the slave enforces on one axis and the master respects; equal on both ends or nothing arms.
+    """Limits that the slave enforces on one axis and the master respects; equal on both ends or nothing arms.
 
     A rotation axis is described by its tangential equivalent: arc length in m and tangential force in N at
     the instrument's surface. `stiffest_wall_n_m`: of what the instrument may meet, drive and instrument
@@ -109,8 +107,8 @@ Bound = tuple[str, float, float, str]
 
 
 class AxisSettings(Settings):
-    """What both ends say of an axis. `unsafe`: keys of its settings, such as `gate.lease_s`, that are meant
-    to be beyond their bounds with a real stage or handle.
+    """Settings of an axis on both ends. `unsafe`: keys of its settings, such as `gate.lease_s`, that are
+    meant to be beyond their bounds with a real stage or handle.
     """
 
     name: Segment = "insertion"
@@ -123,12 +121,12 @@ class AxisSettings(Settings):
 
     @property
     def bounds(self) -> tuple[Bound, ...]:
-        """Of every setting that can switch a protection off."""
+        """Bounds of every setting that can switch a protection off."""
         raise NotImplementedError
 
     @property
     def caveats(self) -> tuple[str, ...]:
-        """What is simulated, uncalibrated or relaxed, for whoever arms the axis or reads its recording."""
+        """Lines on what is simulated, uncalibrated or relaxed, for whoever arms the axis or reads a run."""
         named: dict[str, list[str]] = {"no hardware": [], "uncalibrated": []}
         for slot, device in self.sections.items():
             if not device.hardware:
@@ -140,6 +138,7 @@ class AxisSettings(Settings):
 
     @model_validator(mode="after")
     def _protects(self) -> Self:
+        """Refuses a value beyond its bound beside hardware unless `unsafe` names it, and idle names there."""
         real = any(self.sections[slot].hardware for slot in ("stage", "handle") if slot in self.sections)
         beyond = list[str]()
         for key, low, high, why in self.bounds:
@@ -158,8 +157,7 @@ class AxisSettings(Settings):
 
 
 class LinkImpairment(Settings):
-    """What is injected into this daemon's traffic, by direction; for tests and demonstrations, none by
-    default.
+    """Impairment of this daemon's traffic, by direction; for tests and demonstrations, none by default.
 
     `replay`: an MCAP of a run; what was recorded there of this daemon's links is done again, message by
     message.
@@ -194,7 +192,7 @@ class RealtimeSettings(Settings):
 
 
 class StateSettings(Settings):
-    """Where a daemon keeps its event log, flight records and local socket, relative to this file.
+    """Place of a daemon's event log, flight records and local socket, relative to this file.
 
     Without `directory`: STATE_DIRECTORY of systemd, else XDG_STATE_HOME/forefeel or ~/.local/state/forefeel,
     and in it CELL-ROLE. `flight_records`: how many of them are kept.
@@ -217,7 +215,7 @@ class DaemonSettings(Settings):
 
     @property
     def real_stage(self) -> bool:
-        """Whether a stage that is not simulated is configured; an emulated one counts as real."""
+        """True if a stage that is not simulated is configured; an emulated one counts as real."""
         return any("stage" in axis.sections and axis.sections["stage"].hardware for axis in self.axes)
 
     @model_validator(mode="after")
@@ -229,7 +227,7 @@ class DaemonSettings(Settings):
 
 
 def shared_text(cell: str, axis: str, limits: AxisLimits) -> str:
-    """What both ends must agree on for one axis, as canonical JSON."""
+    """Settings that both ends must agree on for one axis, as canonical JSON."""
     shared = {"protocol": PROTOCOL_VERSION, "cell": cell, "axis": axis, **limits.model_dump(mode="json")}
     return json.dumps(shared, sort_keys=True)
 
@@ -239,22 +237,20 @@ def settings_hash(text: str) -> str:
 
 
 def differences(mine: str, theirs: str) -> str:
-    """Field by field, what differs between two `shared_text`s; `theirs` comes from the network and may be
-    anything.
-    """
+    """Differences between two `shared_text`s by field; `theirs` comes from the network, may be anything."""
     try:
         other = json.loads(theirs)
     except (ValueError, RecursionError):
         other = None
     if not isinstance(other, dict):
         return "the peer's settings are unreadable"
-    own = json.loads(mine)
+    ours = json.loads(mine)
     fields = [
-        f"{key}: {own.get(key)} here, {other.get(key)} there"
-        for key in sorted({*own, *other})
-        if own.get(key) != other.get(key)
+        f"{key}: {ours.get(key)} here, {other.get(key)} there"
+        for key in sorted({*ours, *other})
+        if ours.get(key) != other.get(key)
     ]
-    if own["protocol"] != (spoken := other.get("protocol")):
-        versions = f"protocol: {own['protocol']} here, {spoken} there"
+    if ours["protocol"] != (spoken := other.get("protocol")):
+        versions = f"protocol: {ours['protocol']} here, {spoken} there"
         fields = [f"{versions}: install the same version of forefeel on both hosts"]
     return ascii("; ".join(fields))[1:-1][:200]  # what the peer sent may hold line breaks and half characters

@@ -1,4 +1,4 @@
-"""How one thread hands over to another: the newest value, a bounded queue, or values by their command."""
+"""Handover from one thread to another: the newest value, a bounded queue, or values by their command."""
 
 from collections import deque
 from threading import Lock
@@ -51,7 +51,7 @@ _TICK_NS = 1_000_000
 
 
 class CommandRing(Generic[T]):
-    """What belongs to each of the last commands, by its stamp. One thread puts while another gets."""
+    """Values of the last commands, by their stamps. One thread puts while another gets."""
 
     def __init__(self) -> None:
         self._entries: list[tuple[int, T] | None] = [None] * _COMMANDS

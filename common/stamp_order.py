@@ -3,7 +3,7 @@
 from typing import Literal
 
 _LEAD_NS = 20_000_000
-"""What is ahead by less hides the stream for less than a force may be late (`rendering.stale_s`, 0.1 s). In
+"""A stamp ahead by less hides the stream for less than a force may be late (`rendering.stale_s`, 0.1 s). In
 the paper's jitter of +-15 ms a message is hardly ever that much faster than the fastest of a second."""
 _MEMORY_NS = 1_000_000_000  # time constant with which a slower way replaces the fastest transit
 _AGREEMENT_NS = 100_000_000  # by which the transits of a row may differ: three times that jitter
@@ -57,6 +57,7 @@ class StampOrder:
         return "newer"
 
     def _completes_row(self, transit_ns: int, receive_ns: int) -> bool:
+        """Adds a refused message to the row; True, and an empty row, when enough of them agree."""
         count, row_transit_ns, first_ns = self._row
         if count == 0 or abs(transit_ns - row_transit_ns) > _AGREEMENT_NS:
             count, row_transit_ns, first_ns = 0, transit_ns, receive_ns

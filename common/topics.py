@@ -46,12 +46,12 @@ class Topic(Generic[M_co]):
 
     @property
     def batched(self) -> bool:
-        """Whether observers hear it in batches, for it costs them less; see `direct`."""
+        """True if observers receive it in batches, which cost them less; see `direct`."""
         return self.qos is Qos.STREAM and self.published
 
     @property
     def takes_turns(self) -> bool:
-        """Whether it may go over any of several connections to the other end."""
+        """True if it may go over any of several connections to the other end."""
         return self.crosses and self.published and not self.ordered
 
     def key(self, cell: str, axis: str) -> str:
@@ -59,7 +59,7 @@ class Topic(Generic[M_co]):
         return f"forefeel/{cell}/{axis}/{self.name}"
 
     def taken_key(self, cell: str, axis: str) -> str:
-        """The one under which the other end takes it, see `direct`."""
+        """Key under which the other end takes it, see `direct`."""
         key = self.key(cell, axis)
         return direct(key) if self.batched else key
 
@@ -101,7 +101,8 @@ PUBLISHED = tuple(topic for topic in TOPICS if topic.published)
 
 
 def direct(key: str) -> str:
-    """Where the other end takes a batched topic, message by message; under `key` observers hear the batches.
+    """Key under which the other end takes a batched topic message by message; observers get batches under
+    `key`.
 
     It is outside `forefeel/`, so that nobody who watches a cell hears a message twice.
     """

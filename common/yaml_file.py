@@ -11,7 +11,7 @@ from forefeel.common.errors import ConfigurationError
 
 Place = tuple[int | str, ...]
 KINDS = {type(None): "empty", list: "a list", str: "text"}
-"""What stands where a mapping was expected, in words."""
+"""Words for what stands where a mapping was expected."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -22,6 +22,7 @@ class _Loader(yaml.SafeLoader):
     """
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:  # noqa: ANN401
+        """Refuses aliases and tags."""
         event: Any = self.peek_event()  # type: ignore[no-untyped-call]
         alias = self.check_event(yaml.AliasEvent)
         if alias or event.tag is not None:
@@ -62,27 +63,28 @@ def load_yaml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
     except (ValueError, RecursionError) as error:  # a date that is none; brackets a thousand deep
         raise ConfigurationError(f"{path}: {error}; expected YAML") from error
     if not isinstance(data, dict):
-        found = KINDS.get(type(data), f"{data!r:.40}")
-        raise ConfigurationError(f"{path}:1: {found}; expected a mapping of settings")
+        kind = KINDS.get(type(data), f"{data!r:.40}")
+        raise ConfigurationError(f"{path}:1: {kind}; expected a mapping of settings")
     return data, lines
 
 
 def _lines(node: yaml.Node, place: Place, path: Path) -> Iterator[tuple[Place, int]]:
+    """Yields each place with its line; raises ConfigurationError for a key that is none or stands twice."""
     yield place, node.start_mark.line + 1
     if isinstance(node, yaml.SequenceNode):
         for index, child in enumerate(node.value):
             yield from _lines(child, (*place, index), path)
     elif isinstance(node, yaml.MappingNode):
-        seen: set[str] = set()
+        keys: set[str] = set()
         for key, child in node.value:
             line = key.start_mark.line + 1
             if not isinstance(key, yaml.ScalarNode):
                 raise ConfigurationError(f"{path}:{line}: a {key.id} as key; expected the name of a setting")
-            if key.value in seen:
+            if key.value in keys:
                 raise ConfigurationError(
                     f"{path}:{line}: {shown_key(key.value)}: the key stands twice; expected it once"
                 )
-            seen.add(key.value)
+            keys.add(key.value)
             yield from _lines(child, (*place, key.value), path)
             yield (*place, key.value), line
 

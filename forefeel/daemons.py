@@ -364,7 +364,7 @@ class SessionWatch:
         """Cause that is known without a probe, else empty. A master that listens can not tell its peers."""
         if self._transport.hint:
             return self._transport.hint
-        if axis.session.heard(now_ns):
+        if axis.session.is_heard(now_ns):
             return f"axis {axis.name}: {axis.session.cause(now_ns)}"
         connected = self._transport.peers() and not self._settings.transport.listen
         return self._silence_cause() if connected else ""

@@ -30,7 +30,7 @@ from forefeel.common.messages import (
 from forefeel.common.settings import differences, settings_hash, shared_text
 from forefeel.common.stamp_order import Order, StampOrder
 from forefeel.common.topics import Topic
-from forefeel.master.events import MasterEvents, Standing
+from forefeel.master.events import AxisStatus, MasterEvents
 from forefeel.master.handle import Handle, HandleWatch, Indication
 from forefeel.master.haptics import HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from forefeel.master.prediction import IdentificationTask
@@ -42,10 +42,8 @@ from forefeel.master.stop import StopRequest
 
 
 class MasterAxis:
-    """Hand in, commands out; late forces in, felt force out.
-
-    Threads: `tick` and `_on_force` run in the haptic loop; the other `_on_*` where the transport delivers;
-    the rest on asyncio.
+    """Hand in, commands out; late forces in, felt force out. Threads: `tick` and `_on_force` run in the
+    haptic loop; the other `_on_*` where the transport delivers; the rest on asyncio.
     """
 
     def __init__(  # noqa: PLR0913, PLR0917 - who it is, what it works with, where it is written down
@@ -78,7 +76,7 @@ class MasterAxis:
         self._full_scale_n = 0.0
         self._stage_position_m: float | None = None
         self._slave_state: SlaveState | None = None
-        self._state_heard_ns = 0
+        self._state_received_ns = 0
         self.stop = StopRequest()
         self.events = MasterEvents(bus, event_sink, settings.name)
         self._hand = HandleWatch(handle, self.events.notices, loop.release)
@@ -107,6 +105,7 @@ class MasterAxis:
     # --- where the transport delivers ---
 
     def _on_force(self, sample: ForceSample, receive_ns: int) -> None:
+        """Queues a force of this session for learning; the newest valid one is kept. Counts what it drops."""
         if sample.session_id != self.session.session_id:
             self.counters["forces_of_another_session"] += sample.session_id != 0
             return
@@ -133,12 +132,13 @@ class MasterAxis:
             self._force = NewestForce(sample, receive_ns, late_ns)
 
     def _on_state(self, state: SlaveState, receive_ns: int) -> None:
+        """Takes over a newer state of the slave with its caveats and reaction; counts any other."""
         order = self._judge(self._states, topics.SLAVE_STATE, state, receive_ns)
         if order != "newer":
             self.counters[f"states_{order}"] += 1
             return
         self.session.heard_state(state.session_id, receive_ns)
-        self._slave_state, self._state_heard_ns = state, receive_ns
+        self._slave_state, self._state_received_ns = state, receive_ns
         if state.caveats != self._slave_caveats:
             self._slave_caveats = state.caveats
             self.events.notices.add(f"slave: {'; '.join(state.caveats) or 'nothing simulated or unsafe'}")
@@ -151,12 +151,14 @@ class MasterAxis:
         self._forces, self._answers, self._states = StampOrder(backwards=True), StampOrder(), StampOrder()
 
     def _judge(self, order: StampOrder, topic: Topic[Message], message: Message, receive_ns: int) -> Order:
+        """Place of a message in its stream; reports a step of the peer's clock."""
         place = order.judge(message.stamp_ns, receive_ns)
         if order.step_ns:
             self.events.clock_step(topic.name, order.step_ns * 1e-9, receive_ns)
         return place
 
     def _on_handshake(self, handshake: Handshake, receive_ns: int) -> None:
+        """Hands the answer to the session, as refused where settings differ; a new session starts afresh."""
         before, accepted, reason = self.session.state, handshake.accepted, printable(handshake.reason)
         if accepted and handshake.settings_hash != settings_hash(self._shared):
             accepted, reason = False, f"settings differ: {differences(self._shared, handshake.settings)}"
@@ -171,11 +173,12 @@ class MasterAxis:
 
     def _on_heartbeat(self, heartbeat: Heartbeat, receive_ns: int) -> None:
         if heartbeat.session_id == self.session.session_id:
-            self.counters["heartbeats_refused"] += not self._heartbeats.heard(heartbeat, receive_ns)
+            self.counters["heartbeats_refused"] += not self._heartbeats.receive(heartbeat, receive_ns)
 
     # --- the haptic loop ---
 
     def tick(self, now_ns: int) -> None:
+        """Reads the handle, renders the loop's force; in a session publishes command and haptic sample."""
         self._take_forces()
         state, stage_position_m, force = self._shown_state(now_ns), self._stage_position_m, self._force
         self.handle.show(Indication(state, stage_position_m))
@@ -197,19 +200,20 @@ class MasterAxis:
             self._publish(now_ns, outputs, rendered_n, reading.position_m, force)
         self._bus.end_batches(now_ns)
 
-    def _standing(self, now_ns: int) -> tuple[Standing, str]:
+    def _status(self, now_ns: int) -> tuple[AxisStatus, str]:
+        """Status of the axis and its reason, the gravest first."""
         if self._failed:
             return "failed", "a fault of the master"
         if self._hand.fault is not None:
             return "handle_fault", self._hand.fault
-        standing: Standing = "in_session" if self.session.state is SessionState.OPEN else "no_session"
-        return standing, self.session.cause(now_ns)
+        status: AxisStatus = "in_session" if self.session.state is SessionState.OPEN else "no_session"
+        return status, self.session.cause(now_ns)
 
     def _shown_state(self, now_ns: int) -> SafetyState | None:
         """The slave's state; None without a session or when the slave has been silent."""
         state, stale_s = self._slave_state, topics.SLAVE_STATE.stale_after_s
         assert stale_s is not None
-        silent = now_ns - self._state_heard_ns > stale_s * 1e9
+        silent = now_ns - self._state_received_ns > stale_s * 1e9
         if state is None or silent or state.session_id != self.session.session_id:
             return None
         return state.state
@@ -222,6 +226,7 @@ class MasterAxis:
         handle_m: float,
         force: NewestForce | None,
     ) -> None:
+        """Sends the command and the haptic sample of a tick under one header."""
         header = self._command.header(self.session.session_id, now_ns)
         low_n, high_n = outputs.band_n or (None, None)
         self._command.send(
@@ -242,19 +247,19 @@ class MasterAxis:
     # --- on asyncio ---
 
     def status(self, now_ns: int) -> str:
-        """The slave's safety state, or what the session waits for; and why."""
+        """One line: the slave's safety state, or the session's where there is none, and why."""
         state = self._shown_state(now_ns)
         return f"{f'slave {state.value}' if state else self.session.state.value}: {self._reason(now_ns)}"
 
     def _reason(self, now_ns: int) -> str:
-        """Why the slave is in its state, or why there is no link."""
+        """The slave's reason for its state; the session's where the slave has no state now."""
         slave = self._slave_state
         if slave is None or self._shown_state(now_ns) is None:
             return self.session.cause(now_ns)
         return printable(slave.reason)
 
     def serve(self, now_ns: int) -> None:
-        """Asks for a session when there is none; about every 50 ms."""
+        """Logs and publishes events, and asks for a session where there is none; about every 50 ms."""
         self.events.check(self._hand.fault, now_ns)
         if self._hand.fault is not None:
             self.faulted = True
@@ -282,7 +287,7 @@ class MasterAxis:
         )
 
     def flush(self, now_ns: int) -> None:
-        """Publishes and writes down what was gathered and not said yet; at the end, after the loop."""
+        """Publishes and logs all that is still gathered; at the end, after the loop."""
         try:
             self._bus.end_batches(now_ns, last=True)
             self._publish_events(now_ns, last=True)
@@ -291,7 +296,7 @@ class MasterAxis:
 
     def _publish_events(self, now_ns: int, last: bool = False) -> None:
         session_id = self.session.session_id
-        self.events.stands(*self._standing(now_ns), session_id, now_ns)
+        self.events.publish_status(*self._status(now_ns), session_id, now_ns)
         self.events.publish(session_id, now_ns, last)
 
     def beat(self, now_ns: int) -> None:
@@ -300,6 +305,7 @@ class MasterAxis:
         self._heartbeats.beat(self.session.session_id, now_ns)
 
     def identify(self, now_ns: int) -> None:
+        """Learns from the forces that arrived; reports each wall that gave way and was forgotten."""
         del now_ns
         learner = self.identification.learner
         lost = len(learner.lost_n)
@@ -309,6 +315,7 @@ class MasterAxis:
             self.events.notices.add("the wall gave way: what was learned of it is forgotten")
 
     def publish_parameters(self, now_ns: int) -> None:
+        """Publishes the contact model; adds a notice, once, where the forces do not fit the prior."""
         learner = self.identification.learner
         if learner.fits != self._judged_fits and not self._suspicion:
             self._judged_fits = learner.fits
@@ -319,6 +326,7 @@ class MasterAxis:
         self._parameters.send(model_parameters(header, self.identification, self._prior))
 
     def report(self, now_ns: int) -> None:
+        """Publishes the master's state."""
         best, state, fault = self._heartbeats.offset, self._shown_state(now_ns), self._hand.fault
         self._state.send(
             MasterState(
@@ -335,24 +343,24 @@ class MasterAxis:
         )
 
     def emergency_stop(self, reason: str, now_ns: int, by: str = "master") -> None:
-        """The deadman counts as released at once, and the slave is told to stop until its state shows it."""
+        """Releases the deadman at once, and repeats the stop until the slave's state shows it."""
         if self.stop.ask(reason, now_ns):
             self.events.stop_asked(by, reason, now_ns)
-        self.say_stop(now_ns)
+        self.send_stop(now_ns)
 
     @property
     def slave_state(self) -> SlaveState | None:
         return self._slave_state
 
-    def say_stop(self, now_ns: int) -> None:
-        """Says the stop that is wanted, if it is due; about every 20 ms."""
-        if not self.stop.due(now_ns, self._slave_state, self._state_heard_ns):
+    def send_stop(self, now_ns: int) -> None:
+        """Sends the requested stop when it is due; about every 20 ms."""
+        if not self.stop.due(now_ns, self._slave_state, self._state_received_ns):
             return
         header = self._estop.header(self.session.session_id, now_ns)
         self._estop.send(EmergencyStop(**header, source="master", reason=self.stop.reason[:256]))
 
     def fail(self, error: BaseException) -> None:
-        """A fault of any thread: no force on the hand, no deadman; the slave's watchdog does the rest."""
+        """Reacts to a fault of any thread: no force, no deadman; the slave's watchdog does the rest."""
         self.stopping = self._failed = self.faulted = True
         self.counters[f"fault_{type(error).__name__}"] += 1
         try:

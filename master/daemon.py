@@ -5,7 +5,7 @@ from contextlib import ExitStack
 
 from forefeel.common.bus import Bus
 from forefeel.common.clock import Clock, now_utc
-from forefeel.common.daemon import SECOND_NS, Reports, each, impaired
+from forefeel.common.daemon import SECOND_NS, Reports, for_each, impaired
 from forefeel.common.estimation.learner import Learner
 from forefeel.common.estimation.predictor import compile_kernels
 from forefeel.common.events.sink import NULL_EVENT_SINK, EventSink
@@ -63,18 +63,18 @@ class MasterDaemon:
             opened.pop_all()
 
     def _register(self, runtime: Runtime, bus: Bus) -> None:
-        """`bus`: of the first axis, whose keys carry the reports."""
+        """Registers loop, tasks and reports; `bus`: of the first axis, whose keys carry the reports."""
         runtime.on_fault(self.fail)
         lateness = runtime.loop("haptic", TICK_NS, self.tick)
         for name, period_ns, action in (
             ("serve", SECOND_NS // 20, MasterAxis.serve),
-            ("stop", SECOND_NS // 50, MasterAxis.say_stop),
+            ("stop", SECOND_NS // 50, MasterAxis.send_stop),
             ("heartbeat", SECOND_NS // 20, MasterAxis.beat),
             ("identification", SECOND_NS // 200, MasterAxis.identify),
             ("parameters", SECOND_NS // 20, MasterAxis.publish_parameters),
             ("state", SECOND_NS // 10, MasterAxis.report),
         ):
-            runtime.task(name, period_ns, each(self.axes, action))
+            runtime.task(name, period_ns, for_each(self.axes, action))
         self._reports = Reports(bus, "master", lateness, self.transport, runtime)
 
     @property
@@ -86,7 +86,7 @@ class MasterDaemon:
             axis.tick(now_ns)
 
     def fail(self, error: BaseException) -> None:
-        """Reaction to a fault of any thread; an axis that fails at it does not keep the others from it."""
+        """Logs a fault of any thread and fails every axis, whatever another one raises."""
         with ExitStack() as reactions:
             reactions.callback(self._event_sink.thread_fault, self.axes[0].name, error, self._now_ns())
             for axis in self.axes:
@@ -98,9 +98,7 @@ class MasterDaemon:
             axis.stopping = True
 
     def close(self, now_ns: int) -> None:
-        """Publishes what is left, closes handles and transport, keeps what was learned where the end is
-        orderly; after the loops have ended.
-
+        """Publishes what is left, closes handles and transport, keeps priors; after the loops have ended.
         Each step is taken whatever becomes of the others: what failed is raised then.
         """
         with ExitStack() as steps:  # a stack: the last one first
@@ -114,6 +112,7 @@ class MasterDaemon:
                 steps.callback(axis.report, now_ns)
 
     def _keep_priors(self) -> None:
+        """Stores what each axis learned, or adds a notice why not."""
         for axis, wanted in zip(self.axes, self._wanted, strict=True):
             faulted = axis.faulted or not axis.stopping
             line = keep(wanted, axis.identification.learner, faulted, now_utc().date())
@@ -129,6 +128,7 @@ def _axis(
     runtime: Runtime,
     event_sink: EventSink,
 ) -> MasterAxis:
+    """One axis; its learner starts from the prior and the model of the settings."""
     wanted = settings.prediction
     prior, origin = load(wanted, daemon.accept_prior)
     model = None if wanted.model is None else load_model(wanted.model)

@@ -1,4 +1,4 @@
-"""What happens on one axis of the master, and what it hears of the slave's events."""
+"""Events of one axis of the master, and the slave's events that it receives."""
 
 from collections import Counter, deque
 from typing import Literal
@@ -11,8 +11,8 @@ from forefeel.common.events.text import DISTRUSTED, ROUND_TRIP, emergency_stop, 
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import LimitEvent, MasterEvent, SafetyEvent
 
-Standing = Literal["no_session", "in_session", "handle_fault", "failed"]
-_EVENTS: dict[Standing, str] = {
+AxisStatus = Literal["no_session", "in_session", "handle_fault", "failed"]
+_EVENTS: dict[AxisStatus, str] = {
     "no_session": "session_lost",
     "in_session": "session_opened",
     "handle_fault": "handle_fault",
@@ -23,19 +23,20 @@ _REMEMBERED_EVENTS = 64  # events by which a doubled one is known
 
 
 class MasterEvents(AxisEvents):
-    """The slave's events come where the transport delivers; one that a network doubled counts once."""
+    """Publishes and logs the master's events; counts and logs the slave's, a doubled one once."""
 
     def __init__(self, bus: Bus, event_sink: EventSink, axis: str) -> None:
         super().__init__(bus, topics.MASTER_LIMIT, event_sink, axis)
         self._counters: Counter[str] = Counter()
         self._event = bus.publisher(topics.MASTER_EVENT)
-        self._standing: Standing = "no_session"
+        self._status: AxisStatus = "no_session"
         self._handle_fault: str | None = None
-        self._heard: deque[tuple[bool, int, int]] = deque(maxlen=_REMEMBERED_EVENTS)
+        self._received: deque[tuple[bool, int, int]] = deque(maxlen=_REMEMBERED_EVENTS)
         bus.subscribe(topics.LIMIT_EVENT, self._on_limit)
         bus.subscribe(topics.SAFETY_EVENT, self._on_safety)
 
     def _on_limit(self, event: LimitEvent, receive_ns: int) -> None:
+        """Counts the rule, logs refusals, and adds a notice for a long round trip."""
         if not self._is_new(event):
             return
         counter = f"limit_{event.rule}"
@@ -55,8 +56,8 @@ class MasterEvents(AxisEvents):
 
     def _is_new(self, event: LimitEvent | SafetyEvent) -> bool:
         key = (type(event) is LimitEvent, event.sequence, event.stamp_ns)
-        new = key not in self._heard
-        self._heard.append(key)
+        new = key not in self._received
+        self._received.append(key)
         return new
 
     def _limited(self, hit: LimitHit, count: int, now_ns: int) -> None:
@@ -68,7 +69,7 @@ class MasterEvents(AxisEvents):
             )
 
     def session_lost(self, reason: str, now_ns: int) -> bool:
-        """See `AxisEvents`. A flight record is kept, for nobody else heard what the hand felt."""
+        """See `AxisEvents`. Also asks for a flight record, for nobody else received what the hand felt."""
         lost = super().session_lost(reason, now_ns)
         if lost:
             self._event_sink.flight(self._axis, "session_lost", reason, now_ns)
@@ -79,6 +80,7 @@ class MasterEvents(AxisEvents):
         self.notices.add(emergency_stop(by, reason))
 
     def clock_step(self, topic: str, step_s: float, now_ns: int) -> None:
+        """Counts and logs a step of the slave's stamps, and adds a notice."""
         self._counters["clock_steps"] += 1
         self._repeat("clock_step", topic, step_s=step_s)
         self.notices.repeat(
@@ -86,17 +88,18 @@ class MasterEvents(AxisEvents):
             now_ns,
         )
 
-    def stands(self, standing: Standing, reason: str, session_id: int, now_ns: int) -> None:
-        """How the master stands now, and why; a change is published."""
-        before, self._standing = self._standing, standing
-        if before != standing:
+    def publish_status(self, status: AxisStatus, reason: str, session_id: int, now_ns: int) -> None:
+        """Publishes the master's status where it has changed."""
+        before, self._status = self._status, status
+        if before != status:
             header = self._event.header(session_id, now_ns)
-            event = _EVENTS[standing]
+            event = _EVENTS[status]
             self._event.send(
-                MasterEvent(**header, before=before, event=event, after=standing, reason=reason[:256])
+                MasterEvent(**header, before=before, event=event, after=status, reason=reason[:256])
             )
 
     def check(self, handle_fault: str | None, now_ns: int) -> None:
+        """Logs a fault of the handle when it begins, and asks for a flight record."""
         if handle_fault is not None and self._handle_fault is None:
             self._note("device_fault", now_ns, name="handle", reason=handle_fault)
             self._event_sink.flight(self._axis, "handle_fault", handle_fault, now_ns)

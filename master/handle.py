@@ -28,7 +28,7 @@ class HandleDriverSettings(DriverSettings):
 
 
 class HandleReading(NamedTuple):
-    """Where the handle is and what is pressed. `recording_time_s`: time in the recording that is being
+    """Position of the handle and what is pressed. `recording_time_s`: time in the recording that is being
     played, if one is. `estop`: the handle has a button for the emergency stop, and it is pressed.
     """
 
@@ -41,7 +41,7 @@ class HandleReading(NamedTuple):
 
 
 class Indication(NamedTuple):
-    """What is shown to the person: the slave's state (None: no link) and where its stage is."""
+    """State of the slave (None: no link) and position of its stage, for the person."""
 
     state: SafetyState | None
     stage_position_m: float | None
@@ -54,7 +54,7 @@ class Handle(Protocol):
     """
 
     def open(self) -> None:
-        """Raises DeviceError when the handle does not answer."""
+        """Connects. Raises DeviceError when the handle does not answer."""
         ...
 
     def close(self) -> None:
@@ -62,20 +62,17 @@ class Handle(Protocol):
         ...
 
     def rearm(self) -> None:
-        """After a fault of the handle: the explicit act without which it gives no force.
-
-        Raises DeviceError while it does not answer.
-        """
+        """Makes the handle give force again after a fault. Raises DeviceError while it does not answer."""
         ...
 
     @property
     def pressed_anew(self) -> bool:
-        """After a fault: the handle answers again, and the person has let the deadman go and pressed it."""
+        """True when the handle answers again after a fault, and the deadman was let go and pressed since."""
         ...
 
     @property
     def counters(self) -> Mapping[str, int]:
-        """What the handle counts of its link, by name."""
+        """Counts of the handle's link, by name."""
         ...
 
     def read(self, now_ns: int) -> HandleReading:
@@ -83,17 +80,14 @@ class Handle(Protocol):
         ...
 
     def render(self, force_n: float, now_ns: int) -> float:
-        """Applies a force to the hand (positive resists insertion); returns the force as applied.
-
-        Raises DeviceError, see above.
-        """
+        """Applies a force to the hand (positive resists insertion); returns it as applied."""
         ...
 
     def show(self, indication: Indication) -> None: ...
 
     @property
     def finished(self) -> bool:
-        """Whether a motion that ends by itself has ended."""
+        """True when a motion that ends by itself has ended."""
         ...
 
     @property
@@ -127,22 +121,22 @@ class HandleWatch:
         self._polarity = PolarityCheck()
 
     def read(self, now_ns: int) -> HandleReading:
-        """The handle's reading; of one that has failed the last, at rest and let go."""
+        """The handle's reading; while it has failed the last position, at rest, with the deadman released."""
         had_failed = self.fault is not None
         try:
             if had_failed and not self._re_arm():
-                return self._let_go()
+                return self._released_reading()
             self._reading = _checked(self._handle.read(now_ns))
         except DeviceError as error:
             self._fail(error)
-            return self._let_go()
-        return self._let_go() if had_failed else self._reading
+            return self._released_reading()
+        return self._released_reading() if had_failed else self._reading
 
-    def _let_go(self) -> HandleReading:
+    def _released_reading(self) -> HandleReading:
         return HandleReading(self._reading.position_m, 0.0, False, self._reading.gripper)
 
     def render(self, force_n: float, now_ns: int) -> float:
-        """The force as applied: 0 by a handle that has failed."""
+        """Renders; returns the force as applied, 0 by a failed handle. A reversed motor is a fault."""
         try:
             applied_n = self._handle.render(force_n if self.fault is None else 0.0, now_ns)
         except DeviceError as error:
@@ -154,6 +148,7 @@ class HandleWatch:
         return applied_n
 
     def _re_arm(self) -> bool:
+        """Re-arms the handle if the person pressed anew; False if not, or for a reversed motor."""
         if self.fault == _REVERSED or not self._handle.pressed_anew:
             return False
         self._handle.rearm()
@@ -169,7 +164,7 @@ class HandleWatch:
 
 
 def _checked(reading: HandleReading) -> HandleReading:
-    """Refuses, with DeviceError, what no message takes."""
+    """The reading; raises DeviceError where it is beyond the range of the messages."""
     x_m, v_m_s, time_s = reading.position_m, reading.velocity_m_s, reading.recording_time_s or 0.0
     if abs(x_m) <= MOST_POSITION_M and abs(v_m_s) <= MOST_VELOCITY_M_S and abs(time_s) <= MOST_SECONDS:
         return reading

@@ -16,21 +16,19 @@ from forefeel.master.settings import RenderingSettings
 
 
 class NewestForce(NamedTuple):
-    """The newest valid force that arrived, when, and by how much later than the fastest of the session; None
-    while the clocks are not compared.
-    """
+    """Newest valid force, its arrival, and how late by the fastest; None before clocks are compared."""
 
     sample: ForceSample
     arrived_ns: int
     late_ns: int | None
 
     def is_fresh(self, now_ns: int, stale_ns: int) -> bool:
-        """Whether path and `stale_ns` explain its age; never before the clocks are compared."""
+        """True if path and `stale_ns` explain its age; never before the clocks are compared."""
         return self.late_ns is not None and now_ns - self.arrived_ns + self.late_ns <= stale_ns
 
 
 class HapticInputs(NamedTuple):
-    """What the loop knows at a tick. `state`, `stage_position_m`: the slave's, as they arrived last."""
+    """Inputs of a tick. `state`, `stage_position_m`: the slave's, as they arrived last."""
 
     reading: HandleReading
     state: SafetyState | None
@@ -40,7 +38,7 @@ class HapticInputs(NamedTuple):
 
 
 class HapticOutputs(NamedTuple):
-    """What the loop decides: the command, and the force to render beside what it rests on.
+    """Results of a tick: the command, and the force to render beside what it rests on.
 
     `band_n`: ends of the 95 % band, None while it rests on no error seen or on a stale force.
     """
@@ -59,17 +57,13 @@ class HapticOutputs(NamedTuple):
 
 
 class Clutch:
-    """Command = handle + offset. With the clutch open the offset follows, so that the command stays on the
-    stage.
-    """
+    """Command = handle + offset. With the clutch open the offset keeps the command on the stage."""
 
     def __init__(self) -> None:
         self.offset_m = 0.0
 
     def command_m(self, reading: HandleReading, stage_position_m: float | None) -> float:
-        """The absolute position to command for a reading; `stage_position_m`: newest known readback, None
-        before any.
-        """
+        """Absolute position to command; `stage_position_m`: newest known readback, None before any."""
         if not reading.deadman and stage_position_m is not None:
             self.offset_m = stage_position_m - reading.position_m
         return reading.position_m + self.offset_m
@@ -134,15 +128,15 @@ class HapticLoop:
         )
 
     def applied(self, force_n: float) -> None:
-        """What the handle made of the force that was rendered last."""
+        """Takes the force that the handle applied, for the energy balance."""
         self._renderer.applied(force_n)
 
     def release(self) -> None:
-        """The hand felt nothing up to now, whatever was rendered: the force begins at zero."""
+        """Begins the force at zero: the hand felt nothing up to now, whatever was rendered."""
         self._renderer.release()
 
     def _predict(self, now_ns: int, position_m: float, inputs: HapticInputs) -> Estimate | None:
-        """None while the fixture is open: the instrument is not held, and closing it is a new contact."""
+        """Predicted force for the command; None, and a new start, while the fixture is open."""
         reading = inputs.reading
         if reading.gripper is Grip.OPEN:
             self.prediction.reset()

@@ -95,13 +95,13 @@ class PassivityLimit:
         self._velocity_m_s = 0.0
 
     def observe(self, moved_m: float, force_n: float) -> None:
-        """The hand has moved under `force_n`, rendered since the last call, or one of those before it."""
+        """Updates C after the hand moved under `force_n`, rendered since the last call, or an earlier one."""
         self._forces_n.append(force_n)
         least_n = min(self._forces_n) if moved_m >= 0.0 else max(self._forces_n)
         self._credit_j = min(self._credit_j + least_n * moved_m, self._most_j)
 
     def damped_n(self, wanted_n: float, moved_m: float) -> float:
-        """The force that also pays for what its delay by a tick gives back."""
+        """The wanted force, up to 6 % larger against the motion while C is below W."""
         self._stored_j = min(max(0.0, self._stored_j + wanted_n * moved_m), self._most_j)
         self._velocity_m_s += _SMOOTHING * (moved_m / _TICK_S - self._velocity_m_s)
         if self._credit_j >= self._stored_j or wanted_n * self._velocity_m_s <= 0.0:
@@ -110,10 +110,7 @@ class PassivityLimit:
         return max(-self._most_n, min(self._most_n, (1.0 + share) * wanted_n))
 
     def limited_n(self, asked_n: float, present_n: float, velocity_m_s: float, dt_s: float) -> float:
-        """The force in N for the next tick, with the sign of `asked_n` and no larger.
-
-        `present_n`: the one since the last tick, dt_s ago.
-        """
+        """Bounds the force in N of the next tick, see the class; `present_n`: the one of the last dt_s."""
         credit_j, late_s = max(self._credit_j, 0.0), (self._pending - 2) * _TICK_S
         into = 1.0 if asked_n >= 0.0 else -1.0
         into_m_s, half_n_s = into * velocity_m_s, 0.5 * self._slew_n_s

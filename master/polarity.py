@@ -32,7 +32,7 @@ class PolarityCheck:
         self._windows = 0
 
     def is_reversed(self, position_m: float, force_n: float) -> bool:
-        """Takes position and force of a tick; true in one that ends a window, if so."""
+        """Adds position and force of a tick; True in one that ends a window, if the motor is reversed."""
         self._positions_m.append(position_m)
         self._forces_n.append(force_n)
         if len(self._forces_n) < _TICKS:
@@ -43,7 +43,7 @@ class PolarityCheck:
         if np.ptp(force) < _SWING_N:
             return False
         pushed = np.cumsum(np.cumsum(force)) * _TICK_S**2
-        moved_m, pushed = (each - _BASIS @ (_BASIS.T @ each) for each in (moved_m, pushed))
+        moved_m, pushed = (signal - _BASIS @ (_BASIS.T @ signal) for signal in (moved_m, pushed))
         self._sums = _FORGETTING * self._sums + (moved_m @ pushed, moved_m @ moved_m, pushed @ pushed)
         self._windows += 1
         both, motion, push = self._sums

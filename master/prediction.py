@@ -24,7 +24,7 @@ _MAX_STEP_S = 0.010  # s, longest step of time that the limits count, as in `sla
 
 
 class _Expected(NamedTuple):
-    """Of one command: its position, the setpoint expected for it, the sum of the corrections by then."""
+    """Position of one command, the setpoint expected for it, and the sum of the corrections by then."""
 
     position_m: float
     setpoint_m: float
@@ -33,7 +33,7 @@ class _Expected(NamedTuple):
 
 
 class ExpectedSetpoint:
-    """What the slave's limits will leave of a command; what they forbid must not pass for the drive's lag.
+    """Setpoint that the slave's limits leave of a command; what they forbid is not the drive's lag.
 
     The slave's force limit acts on a force that is here only predicted. So each force brings back what it has
     left of its command, and the expected setpoint is corrected by the difference.
@@ -57,7 +57,7 @@ class ExpectedSetpoint:
         return sample.setpoint_m - sent.setpoint_m
 
     def correct(self, sample: ForceSample, asked_m: float) -> None:
-        """Takes over what the slave's force limit left, while the hand asks beyond it: `asked_m` now."""
+        """Takes over what the slave's force limit left, while the hand asks beyond it, `asked_m` now."""
         sent, setpoint_m = self._sent.get(sample.answers_stamp_ns or 0), sample.setpoint_m
         if sent is None or setpoint_m is None or not sample.force_limited:
             return
@@ -76,9 +76,8 @@ class ExpectedSetpoint:
         deadman: bool,
         expected: Estimate | None = None,
     ) -> float:
-        """The setpoint in m for the command of that stamp, where a force is `expected`.
-
-        Without the deadman nothing moves: the command is the stage's own position, as the network says it.
+        """The setpoint in m for the command of that stamp, where a force is `expected`. Without the deadman
+        nothing moves: the command is the stage's own position, as the network says it.
         """
         position_m = min(max(position_m, self._workspace_m[0]), self._workspace_m[1])
         previous_ns, self._previous_ns = self._previous_ns, stamp_ns
@@ -94,13 +93,12 @@ class ExpectedSetpoint:
         return setpoint_m
 
     def react(self, reaction: Reaction) -> None:
-        """How late the slave's limit sees a force."""
+        """Sets how late the slave's limit sees a force."""
         self._limiter.reaction = reaction
 
     def _shown_n(self, stamp_ns: int, force_n: float) -> float:
-        """The force that the slave's newest reading has, of those that were expected.
-
-        At most the limit: how far the stage yields to more comes back with the forces.
+        """The force that the slave's newest reading has, of those that were expected. At most the limit: how
+        far the stage yields to more comes back with the forces.
         """
         self._expected_n.append((stamp_ns, force_n))
         while self._expected_n[0][0] < stamp_ns - self._limiter.reaction.reading_s * 1e9:
@@ -135,17 +133,16 @@ class ForcePrediction:
         snapshot: Snapshot,
         newest: ForceSample | None,
     ) -> Estimate | None:
-        """The force for the command that is sent now; None before any force has arrived.
-
-        `snapshot`: what was learned. The newest force counts at once, before it is learned from.
+        """The force for the command that is sent now; None before any force has arrived. `snapshot`: what was
+        learned. The newest force counts at once, before it is learned from.
         """
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
         if newest is not None and newest is not self._newest:
             self._newest = newest
             self.setpoint.correct(newest, position_m)
-            if (heard_s := self.stamp_s(newest)) is not None:
-                self.evaluator.hear(heard_s, newest.force_n)
+            if (answered_s := self.stamp_s(newest)) is not None:
+                self.evaluator.hear(answered_s, newest.force_n)
         setpoint_m = self.setpoint.follow(stamp_ns, position_m, velocity_m_s, deadman, self._expected)
         stage_m = self.lag.command(stamp_ns, setpoint_m)
         self.evaluator.snapshot = snapshot
@@ -162,7 +159,7 @@ class ForcePrediction:
         return (stamp_ns - origin_ns) * 1e-9
 
     def reset(self) -> None:
-        """The motion so far is over, as after a new grip; what was learned stays."""
+        """Forgets the motion so far, as after a new grip; what was learned stays."""
         self._expected = None
         self.evaluator.restart()
 

@@ -14,7 +14,7 @@ _SUSPECT_S, _SUSPECT = 3.0, 1.7
 
 
 def load(wanted: PredictionSettings, accept_other: bool) -> tuple[ContactPrior | None, str]:
-    """(what the session starts from, in one line what it is); None where it starts cold, and why. The line is
+    """(prior that the session starts from, one line on it); (None, why) where it starts cold. The line is
     empty where the settings name no folder. `accept_other`: a prior of another patient will do.
     """
     if wanted.prior_dir is None or wanted.instrument is None or wanted.patient is None:
@@ -31,7 +31,7 @@ def load(wanted: PredictionSettings, accept_other: bool) -> tuple[ContactPrior |
 
 
 def suspicion(learner: Learner) -> str:
-    """That the gain of the load cell is in doubt, in one line; empty where it is not."""
+    """One line of doubt where forces are beyond 1.7 times the prior's, or below 1/1.7; else empty."""
     prior = learner.prior
     if prior is None or learner.contact_s < _SUSPECT_S or (learned := learner.learned) is None:
         return ""
@@ -41,9 +41,7 @@ def suspicion(learner: Learner) -> str:
 
 
 def objection(contact_s: float, ratio: float, faulted: bool) -> str | None:
-    """Why what a session learned is not kept; None where it is. `ratio`: rms of the prediction over that of
-    the zero-order hold.
-    """
+    """Reason not to keep what was learned, else None. `ratio`: rms of prediction over zero-order hold."""
     if faulted:
         return "there was a fault or a stop"
     if contact_s < LEAST_CONTACT_S:

@@ -47,10 +47,7 @@ class ForceRenderer:
         self.force_n = 0.0
 
     def render(self, now_ns: int, contact_n: float | None, live: bool, position_m: float) -> Rendered:
-        """The force for a hand that is at `position_m` now.
-
-        `live`: armed, and the feedback is fresh; else the force fades to zero in fade_s.
-        """
+        """Force for a hand at `position_m`. `live`: armed and the feedback fresh; else it fades in fade_s."""
         dt_s = self._step_s(now_ns)
         moved_m = 0.0 if self._position_m is None else position_m - self._position_m
         self._position_m = position_m
@@ -78,11 +75,11 @@ class ForceRenderer:
         return Rendered(passive_n, hits, energy_j)
 
     def applied(self, force_n: float) -> None:
-        """What the handle made of the force that was rendered last: it counts for the energy."""
+        """Takes the force that the handle applied, which counts for the energy."""
         self._applied_n = force_n
 
     def release(self) -> None:
-        """Nothing was applied: fades in from zero."""
+        """Fades in from zero again: nothing was applied."""
         self._fade = self.force_n = self._applied_n = 0.0
 
     def _step_s(self, now_ns: int) -> float:

@@ -8,7 +8,7 @@ from forefeel.master.rendering import Rendered
 from forefeel.master.settings import RenderingSettings
 
 _DISTRUST_S, _END_S = 0.2, 0.3
-"""Of a wrong force. Healthy runs have .012 s at most, and a release takes half a round trip to the stage."""
+"""In s: healthy runs have .012 s at most, and a release takes half a round trip to the stage."""
 _WALLS = 3.0  # a wall may be stiffer than the settings say: 8000 N/m at their default of 3000
 _BEYOND = 2.0  # limits: a force changes from one end of the limit to the other, and is back at zero
 _ALWAYS = 0.33  # of the limit: friction that turns, pulsation, a wall's own motion within a round trip
@@ -44,7 +44,7 @@ class RenderingWatch:
         predicted: Estimate | None,
         rendered: Rendered,
     ) -> None:
-        """`newest`: the force that is to be felt, None where none is; `rendered`: in the tick before."""
+        """Updates `distrusts` and `ends`. `newest`: force to feel, if any; `rendered`: in the tick before."""
         self._moved_m += abs(position_m - self._position_m)
         self._position_m = position_m
         self._path_m.put(now_ns, self._moved_m)
@@ -55,6 +55,7 @@ class RenderingWatch:
         self.ends = deadman and (self.ends or self._wrong_s > _END_S)
 
     def _wrong(self, newest: ForceSample, predicted: Estimate, rendered: Rendered) -> bool:
+        """True if the prediction is out of reach of the measured force, or a clear force is not rendered."""
         measured_n = newest.force_n
         predicted_n = measured_n if self._feels_zoh else predicted.force_n
         most_n = max(self._limit_n, abs(measured_n))

@@ -1,4 +1,4 @@
-"""The messages in which the master says what the hand did and felt, and how it knows the contact."""
+"""Builds the messages of what the hand did and felt, and of the contact model."""
 
 from collections.abc import Iterable, Mapping
 
@@ -38,7 +38,7 @@ def haptic_sample(
     force: NewestForce | None,
     clock: OffsetEstimate | None,
 ) -> HapticSample:
-    """`rendered_n`: as the handle applied it."""
+    """The message of one tick. `rendered_n`: as the handle applied it."""
     predicted = outputs.predicted
     force_n, low_n, high_n = map(bounded, predicted[:3]) if predicted else (None, None, None)
     age_s, delay_s = ages_s(header["stamp_ns"], force, clock)
@@ -61,7 +61,7 @@ def haptic_sample(
 
 
 def saturated(counters: Mapping[str, int]) -> dict[str, int]:
-    """Counters as a state carries them, though the slave has sent some of the numbers and names."""
+    """Counters cut to what a state may carry: some of the names and numbers come from the slave."""
     return {name[:MOST_NAME]: min(count, MOST_COUNT) for name, count in counters.items()}
 
 
@@ -70,6 +70,7 @@ def bounded(force_n: float | None) -> float | None:
 
 
 def model_parameters(header: Header, identification: IdentificationTask, prior: str) -> ModelParameters:
+    """The message of the contact model, empty until there is one, and of the learning so far."""
     contact, learned = identification.snapshot.contact, identification.snapshot.learned
     return ModelParameters(
         **header,

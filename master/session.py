@@ -14,7 +14,7 @@ _LOST_AFTER_NS = 1_000_000_000
 lasts as long by default."""
 _RETRY_NS = 250_000_000  # ns between two handshakes until an answer
 _SILENT_AFTER_S = SLAVE_STATE.stale_after_s or 0.5
-"""What the slave said is no cause any more when nothing was heard of it for so long."""
+"""After so long without anything from the slave, its last word is no cause any more."""
 
 
 class SessionState(Enum):
@@ -40,13 +40,14 @@ class Session:
         self.state = SessionState.ASKING
         self.heard_ns: int | None = None
         self.obstacle = ""
-        self._word = ""
+        self._reason = ""
         self._mine_ns = 0
         self._named = 0
         self._asked_ns: int | None = None
         self._asking_since_ns: int | None = None
 
     def should_ask(self, now_ns: int) -> bool:
+        """True when a handshake is due, every 250 ms; takes a new id when the session is lost."""
         if self.state is SessionState.OPEN and now_ns - self._mine_ns > _LOST_AFTER_NS:
             ended = {0: "the slave has ended the session", self.session_id: ""}
             self._start_again(ended.get(self._named, "the slave serves another master"))
@@ -62,7 +63,7 @@ class Session:
     def answered(
         self, session_id: int, accepted: bool, reason: str, asked_ns: int | None, now_ns: int
     ) -> None:
-        """The slave's answer to the handshake of `asked_ns`.
+        """Takes the slave's answer to the handshake of `asked_ns`: opens the session, or notes why not.
 
         One for an older session changes nothing. One that took too long opens nothing, and the next handshake
         has a new id, so that no later answer to the old one does.
@@ -75,37 +76,37 @@ class Session:
             self._start_again(f"no answer within {LONGEST_ROUND_TRIP_S:g} s: it takes {took_s:.1f} s")
         elif accepted:
             self.state, self._mine_ns = SessionState.OPEN, now_ns
-            self._word = f"the slave accepted the session within {took_s * 1e3:.0f} ms"
+            self._reason = f"the slave accepted the session within {took_s * 1e3:.0f} ms"
         elif reason.startswith("settings differ"):
-            self.state, self._word = SessionState.MISMATCH, reason
+            self.state, self._reason = SessionState.MISMATCH, reason
         elif "used before" in reason:
             self._start_again(f"the slave refuses: {reason}")
         else:
-            self._word = f"the slave refuses: {reason}"
+            self._reason = f"the slave refuses: {reason}"
 
     def heard_state(self, session_id: int, now_ns: int) -> None:
-        """A state of the slave that names the holder of the lease."""
+        """Notes a state of the slave, which names the holder of the lease."""
         self.heard_ns, self.obstacle, self._named = now_ns, "", session_id
         if session_id == self.session_id:
             self._mine_ns = now_ns
 
-    def heard(self, now_ns: int) -> bool:
-        """Whether the slave was heard a moment ago."""
+    def is_heard(self, now_ns: int) -> bool:
+        """True if the slave was heard within the last 0.5 s."""
         return self.heard_ns is not None and now_ns - self.heard_ns <= _SILENT_AFTER_S * 1e9
 
     def cause(self, now_ns: int) -> str:
-        """Why the session is open, or why it is not, as of now."""
+        """Reason, as of now, why the session is open, or is not."""
         if self.state is SessionState.MISMATCH:
-            return self._word
+            return self._reason
         since_ns = now_ns if self._asking_since_ns is None else self._asking_since_ns
-        if self.heard(now_ns):
-            return self._word or f"no answer to the handshake for {span((now_ns - since_ns) * 1e-9)}"
+        if self.is_heard(now_ns):
+            return self._reason or f"no answer to the handshake for {span((now_ns - since_ns) * 1e-9)}"
         if self.obstacle:
             return self.obstacle
         if self.heard_ns is None:
             return f"no answer from the slave for {span((now_ns - since_ns) * 1e-9)}"
         return f"no state from the slave for {span((now_ns - self.heard_ns) * 1e-9)}"
 
-    def _start_again(self, word: str) -> None:
-        self.session_id, self.state, self._word = self._new_id(), SessionState.ASKING, word
+    def _start_again(self, reason: str) -> None:
+        self.session_id, self.state, self._reason = self._new_id(), SessionState.ASKING, reason
         self._asking_since_ns = None

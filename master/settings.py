@@ -26,7 +26,7 @@ _OPERATOR: Any = {"driver": "operator"}  # read as if it stood in the file
 
 
 class PredictionSettings(Settings):
-    """What the prediction starts from.
+    """Start of the prediction.
 
     `model`: a model.yaml of `forefeel diagnose`. `prior_dir`: a folder, relative to this file, that keeps
     what was learned of each `instrument` in each `patient` (a pseudonym) for the next session with them;
@@ -46,7 +46,7 @@ class PredictionSettings(Settings):
 
 
 class RenderingSettings(Settings):
-    """What the hand may feel: scaled, limited in N and in N/s, faded to zero when the feedback is older than
+    """Force at the hand: scaled, limited in N and in N/s, faded to zero when the feedback is older than
     `stale_s`; and passive: see `forefeel.master.passivity`.
 
     `source`: the predicted force, or (to compare) the newest one that arrived. `max_stiffness_n_m`: of the
@@ -77,7 +77,7 @@ _HAND_N = 12.0
 _RISE_S = 0.01
 """From nothing to the largest force: shorter is a knock."""
 _STIFFNESS_N_M = 10_000.0
-"""Of a hand and handle that damp with 5 N s/m, at 1 kHz; see `RenderingSettings`."""
+"""Bound for a hand and handle that damp with 5 N s/m, at 1 kHz; see `RenderingSettings`."""
 
 
 class MasterAxisSettings(AxisSettings):
@@ -111,7 +111,7 @@ class MasterSettings(DaemonSettings):
     @model_validator(mode="after")
     def _own_priors(self) -> Self:
         wanted = [axis.prediction for axis in self.axes if axis.prediction.prior_dir is not None]
-        if len({(each.prior_dir, each.instrument, each.patient) for each in wanted}) < len(wanted):
+        if len({(one.prior_dir, one.instrument, one.patient) for one in wanted}) < len(wanted):
             raise ValueError("axes: two keep one prior; expected another instrument for each")
         return self
 

@@ -1,4 +1,4 @@
-"""An emergency stop that the person asked for: said again and again until the slave shows it. Pure."""
+"""An emergency stop that the person asked for: sent again and again until the slave shows it. Pure."""
 
 from forefeel.common.messages import SlaveState
 
@@ -23,18 +23,18 @@ class StopRequest:
         self._sent_ns = 0
 
     def ask(self, reason: str, now_ns: int) -> bool:
-        """Whether it was not wanted yet; the first reason stands."""
+        """Requests the stop; False where it is wanted already: the first reason stands."""
         if self.wanted:
             return False
         self.reason, self._asked_ns, self._sent_ns = reason, now_ns, now_ns - _SELDOM_NS
         self.wanted = True
         return True
 
-    def due(self, now_ns: int, state: SlaveState | None, heard_ns: int) -> bool:
-        """Whether it is to be said now; `state`: the slave's newest, `heard_ns`: when it came."""
+    def due(self, now_ns: int, state: SlaveState | None, received_ns: int) -> bool:
+        """True if it is to be sent now; a `state` of `received_ns` that acknowledges it withdraws it."""
         if not self.wanted:
             return False
-        if state is not None and state.acknowledges_stop and heard_ns > self._asked_ns:
+        if state is not None and state.acknowledges_stop and received_ns > self._asked_ns:
             self.wanted = False
             return False
         often = now_ns - self._asked_ns <= _OFTEN_FOR_NS

@@ -35,10 +35,8 @@ _EXACT_M = 1e-9  # a drive that applies a setpoint to the nanometre did not chan
 
 
 class SlaveAxis:
-    """Commands in, motion and forces out.
-
-    Threads: `tick` takes the commands and runs in the control loop; `_on_*` where the transport delivers;
-    the rest on asyncio.
+    """Commands in, motion and forces out. Threads: `tick` takes the commands and runs in the control loop;
+    `_on_*` where the transport delivers; the rest on asyncio.
     """
 
     def __init__(
@@ -69,7 +67,7 @@ class SlaveAxis:
         self._clear: LatestValue[bool] = LatestValue()
         self._executing: MotionCommand | None = None
         self._grip = Grip.CLOSED
-        self._unheard = ""
+        self._lost_reason = ""
         self._control: AxisControl | None = None
         self._bus = bus
         self._connect(bus)
@@ -88,25 +86,24 @@ class SlaveAxis:
         self._estop.put(f"{stop.source}: {stop.reason}")
 
     def _on_garbled_estop(self) -> None:
-        """Whoever sent this meant a stop."""
+        """Latches a stop: whoever sent this meant one."""
         self.emergency_stop("an emergency stop that can not be read", "unknown")
 
     # --- from anyone ---
 
     def emergency_stop(self, reason: str, by: str = "slave") -> None:
-        """Latches the stop; idempotent, heeded at the next tick whatever else waits."""
+        """Latches the stop at the next tick, whatever else waits; idempotent."""
         self.events.stop_asked(by, reason)
         self._estop.put(reason or "emergency stop")
 
     def clear(self) -> None:
         """Asks the next tick to clear a latched stop or fault; only ever called by a local act at the slave.
-
         One that the control loop has not heeded by then is none to clear: it stays.
         """
         self._clear.put(True)
 
     def fail(self, error: BaseException) -> None:
-        """A fault of any thread: the stage is told to hold at once; the machine goes to FAULT at the next
+        """Reacts to a fault of any thread: the stage holds at once; the machine goes to FAULT at the next
         tick, or by `settle` when the control loop itself has ended and no tick follows.
         """
         self._fault.put(f"{type(error).__name__}: {error}"[:200])
@@ -125,14 +122,14 @@ class SlaveAxis:
 
     @property
     def reason(self) -> str:
-        """Why it is in that state, or what keeps it there."""
+        """Reason for its state, or what keeps it from arming."""
         if self._control is None:
             return "not open"
         machine = self._control.machine
         if machine.state is SafetyState.READY:
             hit = self._control.obstacle(self._session.offset)
             return obstacle(*hit[:3]) if hit else machine.reason if self._control.zeroed else DECLARES
-        return self._unheard if machine.state is SafetyState.IDLE and self._unheard else machine.reason
+        return (machine.state is SafetyState.IDLE and self._lost_reason) or machine.reason
 
     @property
     def halted(self) -> bool:
@@ -144,8 +141,8 @@ class SlaveAxis:
 
     @property
     def latch_persisted(self) -> bool:
-        """Whether what is latched is on the disk, so that a new start finds it."""
-        return self._event_sink.kept(self.name)
+        """True when a new start would find the axis latched, or not, as it is now."""
+        return self._event_sink.is_persisted(self.name)
 
     def _device_failed(self, device: str, reason: str) -> None:
         self.events.device_fault(device, reason)
@@ -176,6 +173,7 @@ class SlaveAxis:
         self._watch.close()
 
     def tick(self, now_ns: int) -> None:
+        """Takes commands, reads the devices, steps the control, moves the stage; sends forces and events."""
         assert self._control is not None, "open() comes first"
         self._take_commands()
         cleared = self._clear.take() is not None
@@ -196,21 +194,22 @@ class SlaveAxis:
         self._executing = outputs.executing
         self._apply(outputs, now_ns)
         self.events.cycle(now_ns, outputs, self._watch, self._grip, self._control.machine.state, holder)
-        self._changed(now_ns, outputs.transitions)
+        self._report_transitions(now_ns, outputs.transitions)
         for hit in outputs.limits:
             self.events.limit(hit)
         self._bus.end_batches(now_ns)
 
     def settle(self, now_ns: int) -> None:
-        """Heeds the stop and the fault that wait for a tick, without one."""
+        """Fires the stop and the fault that wait for a tick, without one."""
         assert self._control is not None, "open() comes first"
-        self._changed(now_ns, self._control.halt(now_ns, self._estop.take(), self._fault.take()))
+        self._report_transitions(now_ns, self._control.halt(now_ns, self._estop.take(), self._fault.take()))
 
-    def _changed(self, now_ns: int, transitions: Iterable[Transition]) -> None:
+    def _report_transitions(self, now_ns: int, transitions: Iterable[Transition]) -> None:
         for transition in transitions:
             self.events.transition(transition, self._session.holder, now_ns)
 
     def _inputs(self, now_ns: int, cleared: bool) -> ControlInputs:
+        """Collects the inputs of a tick, and takes what waits in the slots."""
         command, released = self._receiver.slot.take()
         conflict = self._receiver.conflict
         live = conflict is None and self._session.live(now_ns)
@@ -233,6 +232,7 @@ class SlaveAxis:
         )
 
     def _apply(self, outputs: ControlOutputs, now_ns: int) -> None:
+        """Moves the stage, or holds it, and sets the grip; a device that fails is a fault of the axis."""
         try:
             if outputs.moving:
                 asked_m = outputs.target_m
@@ -254,11 +254,11 @@ class SlaveAxis:
     # --- on asyncio ---
 
     def serve(self, now_ns: int, last: bool = False) -> None:
-        """Answers handshakes and publishes what happened; about every 10 ms, and a last time at the end."""
+        """Answers handshakes, drops a session gone silent, publishes, logs; every 10 ms, and at the end."""
         try:
-            if unheard := self._session.unheard(now_ns):
-                self._unheard = unheard
-                self.events.notices.add(f"session lost: {unheard}")
+            if lost := self._session.ended_unrenewed(now_ns):
+                self._lost_reason = lost
+                self.events.notices.add(f"session lost: {lost}")
             self._session.serve(now_ns, self.at_rest, self._opened)
             reason = self._receiver.should_drop_session(now_ns, self.at_rest)
             if reason is not None:
@@ -273,7 +273,7 @@ class SlaveAxis:
 
     def _opened(self, session_id: int) -> None:
         self._receiver.open(session_id)
-        self._unheard = ""
+        self._lost_reason = ""
         declares = "" if self._control and self._control.zeroed else f": {DECLARES}"
         self.events.notices.add(f"session open{declares}")
 
@@ -284,6 +284,7 @@ class SlaveAxis:
         self._device_reports.calibrations(self._session.holder, now_ns)
 
     def report(self, now_ns: int) -> None:
+        """Publishes the slave's state."""
         assert self._control is not None
         best, holder = self._session.offset, self.session(now_ns)
         self._state.send(

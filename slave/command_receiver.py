@@ -1,4 +1,4 @@
-"""What becomes of a command that the control loop takes: admitted or refused, and the newest one kept."""
+"""Admission of the commands that the control loop takes, and the slot that keeps the newest."""
 
 from collections import Counter
 from typing import NamedTuple
@@ -21,9 +21,7 @@ _NOBODYS = frozenset({"session", "sequence", SECOND_WRITER})
 
 
 class Taken(NamedTuple):
-    """What came since the last tick: the newest command with its receive stamp, None without a new one, and
-    whether any released the deadman.
-    """
+    """Newest command since the last tick and its receive stamp, if any; whether any released the deadman."""
 
     command: tuple[MotionCommand, int] | None
     released: bool
@@ -62,40 +60,41 @@ class CommandReceiver:
         self.counters: Counter[str] = Counter()
         self.slot = CommandSlot()
         self._late_ns: tuple[int, int] | None = None
-        self._heard_ns: int | None = None
+        self._received_ns: int | None = None
         self.conflict: str | None = None
         self._gate = CommandGate(_gate_limits(settings))
         self._session = session
         self._events = events
 
     def open(self, session_id: int) -> None:
-        self._late_ns = self._heard_ns = None
+        self._late_ns = self._received_ns = None
         self.conflict = None
         self._gate.open(session_id)
 
     def should_drop_session(self, now_ns: int, at_rest: bool) -> str | None:
-        """Why the session is to be released, if it is; asked many times a second.
+        """Reason to release the session, or None; asked many times a second.
 
         At once where there is a conflict. Else once the stage is at rest, when for some seconds nothing but
         late commands has come, or none at all.
         """
-        if self._heard_ns is None:
-            self._heard_ns = now_ns
+        if self._received_ns is None:
+            self._received_ns = now_ns
         late_ns = self._late_ns
         if self.conflict is not None:
             return self.conflict
         if at_rest and late_ns is not None and late_ns[1] - late_ns[0] > _LATE_FOR_NS:
             return _ONLY_LATE
-        return _SILENT if at_rest and now_ns - self._heard_ns > _SILENT_FOR_NS else None
+        return _SILENT if at_rest and now_ns - self._received_ns > _SILENT_FOR_NS else None
 
     def on_command(self, command: MotionCommand, receive_ns: int) -> None:
+        """Puts an admitted command into the slot; counts and reports one that is refused."""
         clock = self._session.offset
         if clock is None and command.session_id == self._session.holder:
-            self._heard_ns = receive_ns  # nothing is executed yet, and a number of the future may not count
+            self._received_ns = receive_ns  # nothing is executed yet; a number of the future may not count
             return
         refusal = self._gate.admit(command, receive_ns, clock)
         if refusal is None or refusal.rule not in _NOBODYS:
-            self._heard_ns = receive_ns
+            self._received_ns = receive_ns
         if refusal is None:
             self._late_ns = None
             self.slot.put(command, receive_ns)
@@ -103,6 +102,7 @@ class CommandReceiver:
             self._refuse(refusal, receive_ns)
 
     def _refuse(self, refusal: Refusal, receive_ns: int) -> None:
+        """Counts and reports the refusal; a second writer is a conflict."""
         if refusal.rule == "late":
             first_ns, _ = self._late_ns or (receive_ns, receive_ns)
             self._late_ns = first_ns, receive_ns

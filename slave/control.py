@@ -24,7 +24,7 @@ Transition = tuple[SafetyState, SafetyEventName, SafetyState, str]
 
 
 class ControlInputs(NamedTuple):
-    """What the loop knows at a tick.
+    """Inputs of a tick.
 
     `command`: newest admitted one and its receive stamp, or None when there is no new one. `released`: one
     that came since the last tick released the deadman, though a newer one may hold it again. `estop`,
@@ -51,9 +51,7 @@ class ControlInputs(NamedTuple):
 
 @dataclass(slots=True)
 class ControlOutputs:
-    """What the loop decides: a setpoint, or hold; the grip; what happened. `executing`: the command that the
-    setpoint follows.
-    """
+    """Results of a tick: setpoint, or hold; grip; events. `executing`: the command that is followed."""
 
     target_m: float
     velocity_m_s: float
@@ -94,15 +92,16 @@ class AxisControl:
 
     @property
     def zeroed(self) -> bool:
-        """Whether an arming of this session has declared that the instrument touches nothing."""
+        """True after an arming: the instrument touches nothing. Lapses after 10 min without a session."""
         return self._zeroed_ns is not None
 
     @property
     def at_rest(self) -> bool:
-        """Whether neither setpoint nor stage moves, and nothing will without a new command."""
+        """True when neither setpoint nor stage moves, and nothing will without a new command."""
         return not self.machine.following and self.limiter.velocity_m_s == 0.0 and self._stage_rests
 
     def tick(self, now_ns: int, inputs: ControlInputs) -> ControlOutputs:
+        """Takes the inputs, fires the events that they cause, and moves the setpoint or brings it to rest."""
         stood_ns = 0 if self._previous_ns is None else now_ns - self._previous_ns
         dt_s = self._step_s(now_ns)
         transitions: list[Transition] = []
@@ -150,7 +149,7 @@ class AxisControl:
         )
 
     def obstacle(self, clock: OffsetEstimate | None) -> LimitHit | None:
-        """What keeps it from arming, wherever hand and stage are."""
+        """Rule that keeps it from arming, wherever hand and stage are; None where none does."""
         if clock is not None and clock.round_trip_ns > self._max_round_trip_ns:
             return LimitHit(ROUND_TRIP, clock.round_trip_ns * 1e-9, self._gate.max_round_trip_s, "s")
         leaves_m_s = open_speed_m_s(self._limits, self.limiter.reaction)
@@ -162,7 +161,7 @@ class AxisControl:
         return LimitHit(ZERO, zero_n, tolerance_n, "N") if off else None
 
     def halt(self, now_ns: int, estop: str | None, fault: str | None) -> list[Transition]:
-        """What came when no tick follows any more: the machine is told, the setpoint stays."""
+        """Fires the stop and the fault when no tick follows any more; the setpoint stays."""
         transitions: list[Transition] = []
         for event, reason in ((E.ESTOP, estop), (E.FAULT, fault)):  # the gravest first
             if reason is not None:
@@ -175,6 +174,7 @@ class AxisControl:
         return min(max(elapsed_s, 1e-6), _MAX_STEP_S)
 
     def _take(self, inputs: ControlInputs) -> None:
+        """Takes a new command; notes whether the deadman was released."""
         if inputs.command is None:
             return
         self._command, self._received_ns = inputs.command
@@ -184,9 +184,8 @@ class AxisControl:
             self._released = True
 
     def _even_out(self, transit_ns: int) -> None:
-        """How much later than usual the newest command came: the setpoint is carried on by that much.
-
-        So jitter of the network is no jitter of the stage. The clocks' offset cancels.
+        """Measures how much later than usual the newest command came; the setpoint is carried on by it. So
+        jitter of the network is no jitter of the stage. The clocks' offset cancels.
         """
         if self._usual_transit_ns is None:
             self._usual_transit_ns = float(transit_ns)
@@ -195,30 +194,31 @@ class AxisControl:
         self._late_s = min(max(late_ns * 1e-9, -_MAX_LEAD_S), _MAX_LEAD_S)
 
     def _events(self, now_ns: int, inputs: ControlInputs, hits: list[LimitHit]) -> list[tuple[E, str]]:
-        """The events of this tick, the gravest first; but what holds still outlasts a clearing."""
-        found: list[tuple[E, str]] = []
+        """Events that the inputs cause, in firing order: a clearing is first, for what holds outlasts it."""
+        events: list[tuple[E, str]] = []
         if inputs.clear:
-            found.append((E.CLEAR, "cleared at the slave"))
+            events.append((E.CLEAR, "cleared at the slave"))
         if inputs.estop is not None:
-            found.append((E.ESTOP, inputs.estop))
+            events.append((E.ESTOP, inputs.estop))
         fault = inputs.fault or self._force.fault(now_ns, inputs.force_valid, self.machine.following)
         if fault is not None:
-            found.append((E.FAULT, fault))
+            events.append((E.FAULT, fault))
         if inputs.shutdown:
-            found.append((E.SHUTDOWN, "the slave is shutting down"))
+            events.append((E.SHUTDOWN, "the slave is shutting down"))
         if not inputs.session_live:
-            found.append((E.SESSION_LOST, inputs.lost_reason))
+            events.append((E.SESSION_LOST, inputs.lost_reason))
         elif inputs.clock is None:
-            found.append((E.SESSION_LOST, "another session, its clock is not compared"))
+            events.append((E.SESSION_LOST, "another session, its clock is not compared"))
         elif not inputs.shutdown:
-            if found or self.machine.state is SafetyState.IDLE:  # nothing else heeds it
-                found.append((E.SESSION_OPENED, "a session holds the lease, the clocks are compared"))
-            found += self._command_events(now_ns, inputs, inputs.clock, hits)
-        return found
+            if events or self.machine.state is SafetyState.IDLE:  # nothing else heeds it
+                events.append((E.SESSION_OPENED, "a session holds the lease, the clocks are compared"))
+            events += self._command_events(now_ns, inputs, inputs.clock, hits)
+        return events
 
     def _command_events(
         self, now_ns: int, inputs: ControlInputs, clock: OffsetEstimate, hits: list[LimitHit]
     ) -> list[tuple[E, str]]:
+        """While following the reason to end it, or the end of the ramp; else ENGAGE on a fresh press."""
         command = self._command
         if command is None:
             return []
@@ -233,6 +233,7 @@ class AxisControl:
     def _following_events(
         self, now_ns: int, released: bool, command: MotionCommand, clock: OffsetEstimate
     ) -> list[tuple[E, str]]:
+        """Event that ends the following: release, silence, slow link; while engaging, how that ends."""
         if released or not command.deadman:
             return [(E.RELEASE, "deadman released")]
         silent_ns = now_ns - self._received_ns
@@ -253,7 +254,7 @@ class AxisControl:
     def _may_engage(
         self, command: MotionCommand, position_m: float, clock: OffsetEstimate, hits: list[LimitHit]
     ) -> bool:
-        """A refusal is an intervention too."""
+        """True if the axis may arm at that command; a refusal is an intervention, added to `hits`."""
         hit = self.obstacle(clock)
         if hit is None and abs(command.position_m - position_m) > self._gate.alignment_m:
             hit = LimitHit("alignment", command.position_m, position_m, "m")
@@ -261,6 +262,7 @@ class AxisControl:
         return hit is None
 
     def _fire(self, event: E, reason: str, now_ns: int, transitions: list[Transition]) -> None:
+        """Fires an event; appends the transition that it makes to `transitions`, resets what that ends."""
         changed = self.machine.fire(event, reason)
         if changed is None:
             return
@@ -275,7 +277,7 @@ class AxisControl:
             self._command, self._released, self._usual_transit_ns = None, False, None
 
     def _follow(self, now_ns: int, dt_s: float) -> list[LimitHit]:
-        """Between commands the setpoint goes on along the newest; the watchdog bounds for how long."""
+        """Moves the setpoint along the newest command, between commands too, until the watchdog ends it."""
         assert self._command is not None
         command = self._command
         self.grip = command.gripper

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from forefeel.common.bus import Bus
 from forefeel.common.clock import Clock
-from forefeel.common.daemon import SECOND_NS, Reports, each, impaired
+from forefeel.common.daemon import SECOND_NS, Reports, for_each, impaired
 from forefeel.common.events.sink import NULL_EVENT_SINK, EventSink
 from forefeel.common.hardware.driver import driver_of
 from forefeel.common.runtime.port import Runtime
@@ -26,11 +26,11 @@ _CLEARINGS = 64  # between two ticks; far more than the local socket serves at o
 
 
 FOLLOWS = "axis {} is halted"
-"""Why an axis stops with another one."""
+"""Reason for which an axis stops with another one."""
 
 
 class Clearing(NamedTuple):
-    """What became of one axis: what was latched, and why it still is; empty when it is not any more."""
+    """Result for one axis: what was latched, and why it still is; empty when it is not any more."""
 
     axis: str
     was: str
@@ -38,10 +38,7 @@ class Clearing(NamedTuple):
 
 
 class ClearRequest:
-    """Asked on asyncio, heeded by the control loop at its next tick; `done` has the result then.
-
-    Who cancels `done` before that tick has nothing cleared.
-    """
+    """A clearing, asked for on asyncio, heeded at the next tick unless `done`, its result, is cancelled."""
 
     def __init__(self, axis: str | None) -> None:
         self.done: Future[list[Clearing]] = Future()
@@ -49,7 +46,7 @@ class ClearRequest:
         self._was: list[tuple[SlaveAxis, str]] = []
 
     def begin(self, axes: Sequence[SlaveAxis]) -> bool:
-        """Before the axes' ticks; whether it is still wanted, and `end` is to follow."""
+        """Asks the halted axes that are meant to clear at their ticks; False if cancelled, without `end`."""
         if not self.done.set_running_or_notify_cancel():
             return False
         chosen = [axis for axis in axes if axis.halted and self._means(axis)]
@@ -64,7 +61,7 @@ class ClearRequest:
         )
 
     def _means(self, axis: SlaveAxis) -> bool:
-        """Whether it is asked to clear that axis: one that is named takes those with it that follow it."""
+        """True for a halted axis that is to be cleared: the named one and those that follow it, or any."""
         return self._axis in (None, axis.name) or axis.reason == FOLLOWS.format(self._axis)
 
 
@@ -108,18 +105,18 @@ class SlaveDaemon:
             opened.pop_all()
 
     def _register(self, runtime: Runtime, bus: Bus) -> None:
-        """`bus`: of the first axis, whose keys carry the reports."""
+        """Registers loop, tasks and reports; `bus`: of the first axis, whose keys carry the reports."""
         self._loop = runtime.loop("control", TICK_NS, self.tick)
         runtime.on_fault(self.fail)
         runtime.task("serve", SECOND_NS // 100, self._serve)
-        runtime.task("heartbeat", SECOND_NS // 20, each(self.axes, SlaveAxis.beat))
-        runtime.task("state", SECOND_NS // 50, each(self.axes, SlaveAxis.report))
-        runtime.task("calibration", _ANNOUNCE_NS, each(self.axes, SlaveAxis.announce))
+        runtime.task("heartbeat", SECOND_NS // 20, for_each(self.axes, SlaveAxis.beat))
+        runtime.task("state", SECOND_NS // 50, for_each(self.axes, SlaveAxis.report))
+        runtime.task("calibration", _ANNOUNCE_NS, for_each(self.axes, SlaveAxis.announce))
         self._reports = Reports(bus, "slave", self._loop, self.transport, runtime)
 
     def tick(self, now_ns: int) -> None:
         """One control tick of every axis. An emergency stop or fault of one axis stops them all."""
-        clearings = [each for each in self._clear.drain() if each.begin(self.axes)]
+        clearings = [request for request in self._clear.drain() if request.begin(self.axes)]
         try:
             for axis in self.axes:
                 axis.tick(now_ns)
@@ -143,7 +140,7 @@ class SlaveDaemon:
         return request.done
 
     def fail(self, error: BaseException) -> None:
-        """Reaction to a fault of any thread; an axis that fails at it does not keep the others from it."""
+        """Logs a fault of any thread and fails every axis, whatever another one raises."""
         with ExitStack() as reactions:
             reactions.callback(self._event_sink.thread_fault, self.axes[0].name, error, self._now_ns())
             for axis in self.axes:
@@ -152,7 +149,7 @@ class SlaveDaemon:
                 reactions.callback(axis.fail, error)
 
     def _settle(self, axis: SlaveAxis) -> None:
-        """In place of the tick that never comes, when the control loop has ended by a fault."""
+        """Stands in for the tick that never comes, when the control loop has ended by a fault."""
         if self._loop.ended:
             axis.settle(self._now_ns())
 
@@ -166,9 +163,8 @@ class SlaveDaemon:
         return all(axis.at_rest for axis in self.axes)
 
     def close(self, now_ns: int) -> None:
-        """Publishes what is left, closes devices and transport; after the loops have ended.
-
-        Each step is taken whatever becomes of the others: what failed is raised then.
+        """Publishes what is left, closes devices and transport; after the loops have ended. Each step is
+        taken whatever becomes of the others: what failed is raised then.
         """
         with ExitStack() as steps:  # a stack: the last one first
             steps.callback(self.transport.close)
@@ -191,9 +187,9 @@ def _devices(settings: SlaveAxisSettings, clock: Clock) -> Devices:
     """The drivers that the settings name. All simulated ones of an axis share one world."""
     world = SimulatedWorld(settings.simulation, settings.seed)
     sections = settings.sections
-    found = {slot: driver_of(slot, section) for slot, section in sections.items()}
+    drivers = {slot: driver_of(slot, section) for slot, section in sections.items()}
     ports = {
         slot: driver.make(sections[slot], world if driver.driver.in_world else clock)
-        for slot, driver in found.items()
+        for slot, driver in drivers.items()
     }
-    return Devices(**ports, drivers={slot: driver.origin for slot, driver in found.items()})
+    return Devices(**ports, drivers={slot: driver.origin for slot, driver in drivers.items()})

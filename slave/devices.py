@@ -68,7 +68,7 @@ class DeviceWatch:
                 opened.callback(device.close)
 
     def rearm(self) -> None:
-        """A clearing is the explicit act that a device waits for after its fault."""
+        """Re-arms stage and load cell after a fault, as a clearing asks; stops at the first that fails."""
         for name, device in (("stage", self._devices.stage), ("load_cell", self._devices.load_cell)):
             try:
                 device.rearm()
@@ -77,7 +77,7 @@ class DeviceWatch:
                 return
 
     def read(self, now_ns: int, recording_time_s: float | None) -> Sequence[LoadCellReading]:
-        """The new readings of the load cell; the newest counts until it is too old."""
+        """Reads stage and cell, reports faults; returns the new readings, an invalid one on failure."""
         cell, name = self._devices.load_cell, "stage"
         try:
             self._read_stage(now_ns)
@@ -106,6 +106,7 @@ class DeviceWatch:
         return max(0, now_ns - self._stamp_ns) * 1e-9
 
     def _read_stage(self, now_ns: int) -> None:
+        """Reads the stage; raises DeviceError where the readback is beyond the range of the messages."""
         reading = self._devices.stage.read(now_ns)
         if not (
             abs(reading.position_m) <= MOST_POSITION_M and abs(reading.velocity_m_s) <= MOST_VELOCITY_M_S
@@ -118,34 +119,36 @@ class DeviceWatch:
 
 
 class DeviceReports:
-    """Of one axis. A driver with hardware has a `link`, and a `calibration` once it has loaded one."""
+    """Publishes device calibrations and link counters. Simulated drivers have neither."""
 
     def __init__(self, stage: Stage, load_cell: LoadCell, bus: Bus) -> None:
         self._stage, self._load_cell = stage, load_cell
         self._publisher: Publisher = bus.publisher(topics.CALIBRATION)
 
     def calibrations(self, session_id: int, now_ns: int) -> None:
-        for found in (getattr(device, "calibration", None) for device in (self._stage, self._load_cell)):
-            if isinstance(found, StageCalibration | LoadCellCalibration):
-                self._publisher.send(_message(found, self._publisher, session_id, now_ns))
+        for device in (self._stage, self._load_cell):
+            calibration = getattr(device, "calibration", None)
+            if isinstance(calibration, StageCalibration | LoadCellCalibration):
+                self._publisher.send(_message(calibration, self._publisher, session_id, now_ns))
 
     def counts(self) -> dict[str, int]:
-        """What the drivers have counted, `stage_...` and `load_cell_...`."""
+        """Counts of the drivers, as `stage_...` and `load_cell_...`."""
         return {**_counts("stage", self._stage), **_counts("load_cell", self._load_cell)}
 
 
 def _message(
-    found: StageCalibration | LoadCellCalibration, publisher: Publisher, session_id: int, now_ns: int
+    calibration: StageCalibration | LoadCellCalibration, publisher: Publisher, session_id: int, now_ns: int
 ) -> Calibration:
+    """The calibration as a message; what its slot does not have is None."""
     names = "native_per_m", "gain_n", "residual_n", "hysteresis_n"
-    rest: dict[str, Any] = {name: getattr(found, name, None) for name in names}
+    rest: dict[str, Any] = {name: getattr(calibration, name, None) for name in names}
     return Calibration(
         **publisher.header(session_id, now_ns),
-        slot="stage" if isinstance(found, StageCalibration) else "load_cell",
-        driver=found.driver[:256],
-        serial=found.serial[:256],
-        date=found.date.isoformat(),
-        zero=found.zero,
+        slot="stage" if isinstance(calibration, StageCalibration) else "load_cell",
+        driver=calibration.driver[:256],
+        serial=calibration.serial[:256],
+        date=calibration.date.isoformat(),
+        zero=calibration.zero,
         **rest,
     )
 

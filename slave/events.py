@@ -1,4 +1,4 @@
-"""What happens on one axis of the slave: transitions, limits, faults; and cycles for the flight recorder."""
+"""Events of one axis of the slave: transitions, limits, faults; and cycles for the flight recorder."""
 
 from collections.abc import Mapping
 
@@ -36,7 +36,7 @@ class SlaveEvents(AxisEvents):
         }
 
     def transition(self, transition: Transition, session: int, now_ns: int) -> None:
-        """Writes it down at once and keeps it for the network; called by the control loop."""
+        """Logs it at once and queues it for the network; called by the control loop."""
         self._transitions.put((transition, now_ns))
         self._transition(SAFETY, transition, session, now_ns)
 
@@ -55,7 +55,7 @@ class SlaveEvents(AxisEvents):
         state: SafetyState,
         session: int,
     ) -> None:
-        """One control cycle for the flight recorder."""
+        """Adds one control cycle to the flight recorder."""
         if self._add_cycle is None:
             return
         executing = outputs.executing
@@ -67,6 +67,7 @@ class SlaveEvents(AxisEvents):
         self._add_cycle(row)
 
     def publish(self, session_id: int, now_ns: int, last: bool = False) -> None:
+        """Publishes the queued transitions, with a notice for each, then the limits that are due."""
         for (before, event, after, reason), stamp_ns in self._transitions.drain():
             header = self._safety.header(session_id, stamp_ns)
             message = SafetyEvent(**header, before=before, event=str(event), after=after, reason=reason[:256])
@@ -75,7 +76,7 @@ class SlaveEvents(AxisEvents):
         super().publish(session_id, now_ns, last)
 
     def _limited(self, hit: LimitHit, count: int, now_ns: int) -> None:
-        """Logs refusals; the other limits stand in the recording."""
+        """Logs refusals and a force above its limit; notices that, and what keeps the axis from arming."""
         if hit.rule in REFUSALS:
             asked, limit = (f"{value:g} {hit.unit}".strip() for value in (hit.requested, hit.applied))
             self._repeat("refused", hit.rule, count, requested=asked, limit=limit)

@@ -1,6 +1,4 @@
-"""Whether the stage goes where it is sent, and rests when it is told to; by its readback, whatever its
-driver. Pure.
-"""
+"""Watch over the stage by its readback, whatever its driver: it goes where sent and rests when told. Pure."""
 
 from collections import deque
 from math import copysign, exp, pi
@@ -20,10 +18,10 @@ _APART_NS = 5_000_000  # between two setpoints that are remembered: at 8 m/s^2 t
 
 
 class KnownServo:
-    """Bandwidth known: `r'' = w^2 (s - r) + 2 w (s' - r')`, w = 2 pi bandwidth; s goes on with s' for 2 ms.
-    `e = r - s` is `(e0 + (e0' + w e0) t) exp(-w t)` over 1 ms at most, in which |r''| stays within the limit
-    of the drive: the setpoint jumps after a pause of the control loop. `blind_ns`: after a longer pause the
-    drive has stopped by itself, and is where it reads.
+    """Expected position, bandwidth known: `r'' = w^2 (s - r) + 2 w (s' - r')`, w = 2 pi bandwidth; s goes on
+    with s' for 2 ms. `e = r - s` is `(e0 + (e0' + w e0) t) exp(-w t)` over 1 ms at most, in which |r''| stays
+    within the limit of the drive: the setpoint jumps after a pause of the control loop. `blind_ns`: after a
+    longer pause the drive has stopped by itself, and is where it reads.
     """
 
     carried_s, blind_ns = 0.0, 50_000_000
@@ -54,6 +52,7 @@ class KnownServo:
         return self._r, self._r
 
     def _go_on(self, feed: float, duration_s: float) -> None:
+        """Integrates over a duration; `feed`: velocity of the setpoint meanwhile."""
         w = self._w
         while duration_s > 0.0:
             dt = min(duration_s, _STEP_S)
@@ -71,8 +70,8 @@ class KnownServo:
 
 
 class LateStage:
-    """Reads back where it was sent, 0 to `lag_s` later, targets carried on with their velocity: a healthy one
-    is in the hull of s(u) and s(u) + s'(u) (t - u), t - lag <= u <= t. `carried_s`: so may readings be.
+    """Span of a stage that reads back where it was sent, 0 to `lag_s` later, targets carried on with their
+    velocity: the hull of s(u) and s(u) + s'(u) (t - u), t - lag <= u <= t. `carried_s`: so may readings be.
     """
 
     carried_s = CARRIED_S
@@ -92,16 +91,17 @@ class LateStage:
             self._sent.append(self._newest)
 
     def span_m(self, now_ns: int) -> tuple[float, float]:
+        """The lowest and the highest position of a healthy stage."""
         sent, since_ns = self._sent, now_ns - self._lag_ns
         while len(sent) > 1 and sent[1][0] <= since_ns:
             sent.popleft()
         at_ns, x_m, v_m_s = sent[0]
         if at_ns < since_ns:
             sent[0] = (since_ns, x_m + v_m_s * (since_ns - at_ns) * 1e-9, v_m_s)
-        found = list[float]()
+        ends = list[float]()
         for at_ns, x_m, v_m_s in (*sent, self._newest):
-            found += (x_m, x_m + v_m_s * (now_ns - at_ns) * 1e-9)
-        return min(found), max(found)
+            ends += (x_m, x_m + v_m_s * (now_ns - at_ns) * 1e-9)
+        return min(ends), max(ends)
 
 
 class FollowingWatch:
@@ -128,7 +128,7 @@ class FollowingWatch:
         self._holds = True
 
     def read(self, reading: StageReading, now_ns: int) -> str | None:
-        """Why this readback is a fault; None where it is none."""
+        """Updates the attributes by a readback; the text of the fault where it is one, else None."""
         x_m = reading.position_m
         blind = now_ns - self._read_ns > self._expected.blind_ns
         self._read_ns = now_ns

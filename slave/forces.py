@@ -43,9 +43,7 @@ class Instant(NamedTuple):
 
 
 class ForcePublisher:
-    """Remembers the last quarter of a second of ticks, so that a reading that comes late or in a batch finds
-    its own.
-    """
+    """Publishes each reading with its own tick of the last 0.25 s: it may come late, or in a batch."""
 
     def __init__(self, publisher: Publisher) -> None:
         self._publisher = publisher
@@ -55,7 +53,7 @@ class ForcePublisher:
         self._instants.append(instant)
 
     def send(self, reading: LoadCellReading, holder: int, clock: OffsetEstimate | None) -> None:
-        """One message; a reading without a stamp belongs to the newest tick."""
+        """Publishes a reading with its tick; one without a stamp belongs to the newest tick."""
         newest = self._instants[-1]
         at = newest if reading.stamp_ns is None else self._at(reading.stamp_ns)
         executing = at.executing
@@ -80,13 +78,13 @@ class ForcePublisher:
 
     def _at(self, stamp_ns: int) -> Instant:
         """The tick that ended the span in which the stamp lies, at the stamp; the oldest known for older."""
-        found = bisect_left(self._instants, stamp_ns, key=lambda instant: instant.stamp_ns)
-        if found == len(self._instants):
+        index = bisect_left(self._instants, stamp_ns, key=lambda instant: instant.stamp_ns)
+        if index == len(self._instants):
             return self._instants[-1]._replace(stamp_ns=stamp_ns)
-        after = self._instants[found]
-        if found == 0:
+        after = self._instants[index]
+        if index == 0:
             return after._replace(stamp_ns=stamp_ns)
-        before = self._instants[found - 1]
+        before = self._instants[index - 1]
         share = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
         stage = StageReading(*(b + share * (a - b) for b, a in zip(before.stage, after.stage, strict=True)))
         return after._replace(stamp_ns=stamp_ns, stage=stage)
@@ -110,9 +108,8 @@ class ForceWatch:
     """
 
     def __init__(self, limit_n: float, timeout_s: float | None) -> None:
-        """`timeout_s`: how long the cell may stay blind while the stage follows.
-
-        None: for ever, as a recorded force is between its pieces; then a reading counts as it is.
+        """`timeout_s`: how long the cell may stay blind while the stage follows. None: for ever, as a
+        recorded force is between its pieces; then a reading counts as it is.
         """
         self.force_n = self.age_s = self.late_s = 0.0
         self.reading_s = _LATER_S
@@ -120,7 +117,7 @@ class ForceWatch:
         self._limit_n, self.zero_n, self._variance_n2, self._worst_s = limit_n, 0.0, 0.0, 0.0
         self._timeout_s = timeout_s
         self._stamp_ns = 0
-        self._seen_ns: int | None = None
+        self._trusted_ns: int | None = None
 
     @property
     def is_late(self) -> bool:
@@ -128,7 +125,7 @@ class ForceWatch:
 
     @property
     def tolerance_n(self) -> float:
-        """What a zero may be off."""
+        """Largest size of a zero: 5 % of the force limit, or five standard deviations of the noise."""
         return max(OVER_SHARE * self._limit_n, _NOISES * sqrt(self._variance_n2))
 
     @property
@@ -138,7 +135,7 @@ class ForceWatch:
     def take(
         self, now_ns: int, force_n: float, valid: bool, age_s: float, tick_s: float, follows: bool
     ) -> None:
-        """The newest reading. `tick_s`: since the last."""
+        """Takes the newest reading into force, lateness and zero. `tick_s`: since the last."""
         if valid:
             self.late_s = age_s + tick_s
             self._worst_s = max(self.late_s, self._worst_s * exp(-tick_s / _WORST_OF_S))
@@ -157,10 +154,10 @@ class ForceWatch:
         self.age_s = (now_ns - self._stamp_ns) * 1e-9
 
     def fault(self, now_ns: int, valid: bool, following: bool) -> str | None:
-        """Why the stage may not follow any longer: the cell has been blind, or late, for too long."""
+        """Fault text when the cell was blind, or late, for too long while the stage follows; else None."""
         if (valid and not self.is_late) or self._timeout_s is None or not following:
-            self._seen_ns = now_ns
-        elif self._seen_ns is not None and now_ns - self._seen_ns > self._timeout_s * 1e9:
+            self._trusted_ns = now_ns
+        elif self._trusted_ns is not None and now_ns - self._trusted_ns > self._timeout_s * 1e9:
             if valid:
                 late_ms, counted_ms = 1e3 * self.late_s, 1e3 * self.reading_s
                 return f"force {late_ms:.0f} ms late, the limit counts on {counted_ms:.0f} ms: arm again"
@@ -171,7 +168,7 @@ class ForceWatch:
 
 
 class PushWatch:
-    """Of an instrument that is only pushed back (`pushes_only`): a pull on its way in is a fault of the cell.
+    """Detects a pull on the way in of what is only pushed back (`pushes_only`): a fault of the cell.
 
     Tared by what pulled when the stage began to follow, within what a zero may be off; the force limit counts
     the force as it is. On the way out friction pulls.
@@ -183,7 +180,7 @@ class PushWatch:
         self._pushed_ns = 0
 
     def fault(self, now_ns: int, stage: StageReading, force_n: float, following: bool) -> str | None:
-        """Why the load cell may not be believed any longer."""
+        """Fault text when the cell has pulled for 10 ms on the way in; else None."""
         x_m, v_m_s = stage
         if not following:
             self._tare_n = max(-self._pull_n, min(0.0, force_n))
@@ -198,9 +195,8 @@ class PushWatch:
 
 
 class PolarityWatch:
-    """Finds a load cell of the wrong sign: the first contact on a way in that began free pushes back.
-
-    A late force may show it on the way back already. A force that the way in begins with tells nothing.
+    """Finds a load cell of the wrong sign: the first contact on a way in that began free pushes back. A late
+    force may show it on the way back already. A force that the way in begins with tells nothing.
     """
 
     def __init__(self, limit_n: float) -> None:
@@ -210,7 +206,7 @@ class PolarityWatch:
         self._known = self._loaded = False
 
     def fault(self, now_ns: int, position_m: float, force_n: float, following: bool) -> str | None:
-        """Why the load cell may not be believed."""
+        """Fault text when the first contact of a way in that began free pulls; else None."""
         free = abs(force_n) <= self._free_n
         if not following:
             self._start_m, self._deepest_m, self._loaded = position_m, -inf, not free

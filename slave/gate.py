@@ -14,7 +14,7 @@ _GAPS = 64  # of the numbers that came, remembered
 
 
 class Refusal(NamedTuple):
-    """Why a command was not admitted: the rule, what was asked and the limit, with its unit."""
+    """Refusal of a command: the rule, what was asked and the limit, with its unit."""
 
     rule: str
     requested: float
@@ -41,8 +41,8 @@ class _Window:
         self._skipped: list[tuple[int, int]] = []
 
     def is_of_another_writer(self, command: MotionCommand) -> bool:
-        """Whether a command that comes too late by its number was stamped after the newest, under a number
-        that nobody has used: then the newest is not of the same writer, but one of them has jumped ahead.
+        """True for a command that comes too late by its number, but was stamped after the newest, under a
+        number that nobody has used: then one of two writers has jumped ahead.
         """
         return command.stamp_ns > self._stamp_ns and any(
             first <= command.sequence <= last for first, last in self._skipped
@@ -62,13 +62,12 @@ class CommandGate:
         self._window: _Window | None = None
 
     def open(self, session_id: int) -> None:
-        """A new session: the sequence starts afresh. Only a handshake leads here."""
+        """Begins the sequence afresh for a new session. Only a handshake leads here."""
         self._window = _Window(session_id)
 
     def admit(self, command: MotionCommand, receive_ns: int, clock: OffsetEstimate | None) -> Refusal | None:
-        """None when the command may be executed. Nothing moves when it is refused.
-
-        The age is not judged before the clocks are compared: nothing is executed until then.
+        """None, and the sequence moves on, when the command may be executed; else why it is refused. The age
+        is not judged before the clocks are compared: nothing is executed until then.
         """
         window = self._window
         if window is None or command.session_id != window.session_id:
@@ -83,6 +82,7 @@ class CommandGate:
         return refusal
 
     def _check_age(self, transit_ns: int, clock: OffsetEstimate) -> Refusal | None:
+        """Refusal of a command from the future, or too much slower than the fastest; else None."""
         ahead_ns, excess_ns = clock.ahead_ns(transit_ns), clock.excess_ns(transit_ns)
         if ahead_ns > 0:
             return Refusal("future", ahead_ns * 1e-9, 0.0, "s")

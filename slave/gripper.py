@@ -11,10 +11,7 @@ class GripperDriverSettings(DriverSettings):
 
 
 class Gripper(Protocol):
-    """Holds or releases the instrument.
-
-    Every method raises `DeviceError` when the device fails or is not open.
-    """
+    """Holds or releases the instrument. Methods raise `DeviceError` on failure, or when it is not open."""
 
     def open(self) -> None:
         """Connects; the grip stays as it is. Not the opening of the jaws."""

@@ -16,7 +16,7 @@ VALID_SHARE = 0.95
 
 FullScale = Annotated[float, Field(gt=0.0, le=MOST_FORCE_N)]
 Native = Annotated[float, Field(gt=0.0, le=1e12)]
-"""What the device's number rises by from no load to `full_scale_n`, by its data sheet."""
+"""Rise of the device's number from no load to `full_scale_n`, by its data sheet."""
 
 
 class LoadCellDriverSettings(DriverSettings):
@@ -66,7 +66,7 @@ class LoadCell(Protocol):
     def close(self) -> None: ...
 
     def rearm(self) -> None:
-        """After a fault of the device: the explicit act without which it stays failed."""
+        """Re-arms the device after a fault; without it the device stays failed."""
         ...
 
     def read(self, now_ns: int, recording_time_s: float | None) -> Sequence[LoadCellReading]:
@@ -79,7 +79,7 @@ class LoadCell(Protocol):
 
 
 class NativeReading(NamedTuple):
-    """What the device itself gives (N, counts, lbf/1000): before calibration, sign and tare; whether to
+    """Value that the device itself gives (N, counts, lbf/1000): before calibration, sign and tare; whether to
     believe it, and when it was made, by the host's clock.
     """
 

@@ -62,7 +62,7 @@ class SafetyMachine:
         return self.state in FOLLOWING
 
     def fire(self, event: SafetyEventName, reason: str) -> tuple[SafetyState, SafetyState] | None:
-        """(before, after) when the event changes the state, else None."""
+        """Changes the state by the table; (before, after), or None where it stays as it is."""
         before = self.state
         after = TABLE.get((before, event), before)
         if after is before:

@@ -20,7 +20,7 @@ from forefeel.slave.settings import SlaveAxisSettings
 
 
 class Lease:
-    """Who may command. A session lives while its heartbeats come; its id is never accepted twice.
+    """The right to command. A session lives while its heartbeats come; its id is never accepted twice.
 
     Args:
         lease_ns: how long it lives after a heartbeat.
@@ -42,16 +42,14 @@ class Lease:
 
     @property
     def expired_after_s(self) -> float:
-        """How long the holder has been silent when its lease expires."""
+        """Silence of the holder in s after which its lease expires."""
         return (self._lease_ns if self.renewed else self._first_ns) * 1e-9
 
     def live(self, now_ns: int) -> bool:
         return self.holder != 0 and now_ns < self._expires_ns
 
     def request(self, session_id: int, now_ns: int, at_rest: bool) -> str | None:
-        """Why the session is refused, or None when it holds the lease from now on (a repeated request is
-        harmless).
-        """
+        """Reason for a refusal, or None when the session holds the lease from now on; may be repeated."""
         if session_id == self.holder and self.live(now_ns):
             return None
         if session_id in self._used or session_id == 0:
@@ -70,7 +68,7 @@ class Lease:
         self._expires_ns = min(self._expires_ns, now_ns)
 
     def renew(self, session_id: int, now_ns: int) -> bool:
-        """A heartbeat; True when it came from the holder of a live lease."""
+        """Extends a live lease by a heartbeat of its holder; False for any other."""
         if session_id != self.holder or not self.live(now_ns):
             return False
         self._expires_ns, self.renewed = now_ns + self._lease_ns, True
@@ -119,11 +117,11 @@ class SlaveSession:
 
     @property
     def lost_reason(self) -> str:
-        """Why there is no session any more, where there is none."""
+        """Reason for the end of the last session; meant for when there is none."""
         return self._ended or f"no heartbeat from the master for {span(self._lease.expired_after_s)}"
 
     def clock_fault(self, now_ns: int) -> str | None:
-        """That the master's clock runs at a rate that is not followed, while it holds the lease."""
+        """Fault text when the master, while it holds the lease, has a clock too fast or slow to follow."""
         clock = self._heartbeats.offset
         if clock is None or abs(clock.rate_ppm) <= MAX_RATE_PPM or not self._lease.live(now_ns):
             return None
@@ -140,15 +138,16 @@ class SlaveSession:
         self._handshakes.put((handshake, receive_ns))
 
     def _on_heartbeat(self, heartbeat: Heartbeat, receive_ns: int) -> None:
+        """Renews the lease by a heartbeat of its live holder; counts all others."""
         if heartbeat.session_id != self._lease.holder or not self._lease.live(receive_ns):
             self.counters["heartbeats_of_another_session"] += 1
-        elif self._heartbeats.heard(heartbeat, receive_ns):
+        elif self._heartbeats.receive(heartbeat, receive_ns):
             self._lease.renew(heartbeat.session_id, receive_ns)
         else:
             self.counters["heartbeats_refused"] += 1
 
     def serve(self, now_ns: int, at_rest: bool, opened: Callable[[int], None]) -> None:
-        """Answers what came in; `opened` is called with the id of each new session."""
+        """Answers the handshakes that came in; calls `opened` with the id of each new session."""
         for handshake, receive_ns in self._handshakes.drain():
             before = self._lease.holder
             reason = self._open(handshake, receive_ns, at_rest, opened)
@@ -170,8 +169,8 @@ class SlaveSession:
                 )
             )
 
-    def unheard(self, now_ns: int) -> str:
-        """Why a session has ended in which no heartbeat came, said once: no safety transition tells of it."""
+    def ended_unrenewed(self, now_ns: int) -> str:
+        """Reason, given once, for the end of a session without any heartbeat: no transition tells of it."""
         if not self._awaited or self._lease.live(now_ns):
             return ""
         self._awaited = False
@@ -190,7 +189,7 @@ class SlaveSession:
     def _open(
         self, handshake: Handshake, receive_ns: int, at_rest: bool, opened: Callable[[int], None]
     ) -> str:
-        """Why the handshake is refused; empty when its session holds the lease."""
+        """Opens a session for a handshake of a matching master; the reason of a refusal, else empty."""
         if handshake.role != "master":
             return "only a master may open a session"
         if handshake.settings_hash != settings_hash(self._shared):

@@ -51,9 +51,9 @@ _REQUIRED = {
     "load_cell.filter_lag_s": "filter_lag_s: 0.005 # of the amplifier's filter, 1 / (2 pi corner)",
     "load_cell.pushes_only": "pushes_only: true # false where inertia, gravity or friction pull inwards",
 }
-"""What has no default beside a real stage, with a line that would do; keys of a device if it is hardware."""
+"""Settings without default beside a real stage, each with a line that would do; of devices if hardware."""
 _INSTRUMENT_N = 15.0
-"""What the strongest joints of a catheter have to bear (ISO 10555-1, of 1.85 mm and more)."""
+"""Force that the strongest joints of a catheter have to bear (ISO 10555-1, of 1.85 mm and more)."""
 _INDENTATION_M = 0.01
 """Way from touch to force limit: at 3 N of a wall of 300 N/m, about as soft as the presets' presliding."""
 
@@ -68,7 +68,7 @@ class SlaveAxisSettings(AxisSettings):
 
     @property
     def pushes_only(self) -> bool:
-        """Of the load cell; of the simulated one also where its world says so."""
+        """True where the load cell says so, or the world of a simulated one."""
         simulated = self.load_cell.driver == "simulated" and self.simulation.load_cell.pushes_only
         return self.load_cell.pushes_only or simulated
 
@@ -92,7 +92,7 @@ class SlaveAxisSettings(AxisSettings):
         )
 
     def reaction(self, reading_s: float = 2 * TICK_NS * 1e-9) -> Reaction:
-        """How late the force answers where a reading is so late when it is replaced.
+        """Lateness of the force after the setpoint; `reading_s`: of a reading when it is replaced.
 
         A servo of critical damping with velocity feed-forward, w its bandwidth, answers a ramp with the
         deviation t exp(-w t): at most exp(-2 w t) of a setpoint does not show, and v / e w comes after it.
@@ -107,6 +107,7 @@ class SlaveAxisSettings(AxisSettings):
 
     @model_validator(mode="after")
     def _written_out(self) -> Self:
+        """Refuses a real stage without what has no default beside it."""
         for place, line in _REQUIRED.items() if self.stage.hardware else ():
             slot, _, key = place.rpartition(".")
             owner = getattr(self, slot) if slot else self

@@ -27,18 +27,18 @@ class StageDriverSettings(DriverSettings):
 
     @property
     def travel(self) -> Travel | None:
-        """Where the stage may go; None where the axis' own limits are all there is."""
+        """Ends between which the stage may go; None: the axis' own limits are all there is."""
         return getattr(self, "travel_m", None)
 
 
 class StageReading(NamedTuple):
-    """What the drive reads back: position of the motor's encoder in m, velocity in m/s."""
+    """Readback of the drive: position of the motor's encoder in m, velocity in m/s."""
 
     position_m: float
     velocity_m_s: float
 
     def carried_on(self, stamp_ns: int, now_ns: int) -> "StageReading":
-        """As of now, when it was read at `stamp_ns`: by its velocity, for at most 20 ms."""
+        """The reading of `stamp_ns`, moved on by its velocity to now, for at most 20 ms."""
         age_s = min(max(now_ns - stamp_ns, 0) * 1e-9, CARRIED_S)
         return StageReading(self.position_m + self.velocity_m_s * age_s, self.velocity_m_s)
 
@@ -50,8 +50,7 @@ def require_finite(position_m: float, velocity_m_s: float) -> None:
 
 
 class Stage(Protocol):
-    """Follows a stream of setpoints within its own limits, and comes to rest by itself when the stream ends.
-
+    """Follows a stream of setpoints within its limits, and comes to rest by itself when the stream ends.
     Every method raises `DeviceError` when the device fails or is not open.
     """
 
@@ -62,7 +61,7 @@ class Stage(Protocol):
     def close(self) -> None: ...
 
     def rearm(self) -> None:
-        """After a fault of the drive: the explicit act without which it stays failed; it holds."""
+        """Makes the drive ready after a fault, without which it stays failed; it holds."""
         ...
 
     def command(self, position_m: float, velocity_m_s: float, now_ns: int) -> float:
@@ -100,13 +99,11 @@ class Homing(Protocol):
     ) -> None: ...
 
     def home(self) -> float:
-        """Finds the reference again, whether it had been found or not; where it is, in native units of the
-        count that holds from now on.
-        """
+        """Finds the reference anew; returns its position, in native units of the count from now on."""
         ...
 
     def travel_ends(self, velocity_m_s: float) -> tuple[float, float]:
-        """Goes from one end of the travel to the other at no more than that speed; the positions of both in
+        """Goes from one end of the travel to the other at no more than that speed; returns both positions in
         native units of the count that holds, in any order.
         """
         ...

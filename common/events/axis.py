@@ -1,4 +1,4 @@
-"""What happens on one axis, as master and slave tell it alike."""
+"""Events of one axis, alike on master and slave."""
 
 from collections.abc import Hashable, Mapping
 from threading import Lock
@@ -20,7 +20,7 @@ E = TypeVar("E")
 
 
 class EventCoalescer(Generic[K, E]):
-    """Tells the first event of a key at once, then one per interval with the count. Any thread adds, one
+    """Passes on the first event of a key at once, then one per interval with the count. Any thread adds, one
     drains.
 
     Args:
@@ -35,7 +35,7 @@ class EventCoalescer(Generic[K, E]):
         self._interval_ns = interval_ns
         self._lock = Lock()
         self._open: dict[K, tuple[K, E, int]] = {}
-        self._told_ns: dict[K, int] = {}
+        self._passed_ns: dict[K, int] = {}
 
     def add(self, key: K, event: E, count: int = 1) -> None:
         with self._lock:
@@ -44,20 +44,20 @@ class EventCoalescer(Generic[K, E]):
             self.total += count
 
     def drain(self, now_ns: int, last: bool = False) -> list[tuple[K, E, int]]:
-        """Key, first event and count since it was last told of each that is due; with `last` of all."""
+        """Removes what is due, with `last` all: key, first event, and count since the last time."""
         if not self._open:
             return []
         with self._lock:
             newest_ns = now_ns - self._interval_ns
-            due = [key for key in self._open if last or self._told_ns.get(key, newest_ns) <= newest_ns]
-            self._told_ns.update(dict.fromkeys(due, now_ns))
+            due = [key for key in self._open if last or self._passed_ns.get(key, newest_ns) <= newest_ns]
+            self._passed_ns.update(dict.fromkeys(due, now_ns))
             return [self._open.pop(key) for key in due]
 
 
 RepeatedEvents = EventCoalescer[tuple[str, str], dict[str, Detail]]
-"""Of log lines: event and what it is counted by, details."""
+"""Repeated log lines: event and what it is counted by, details."""
 Transition = tuple[SafetyState, str, SafetyState, str]
-"""Of the safety state machine: before, event, after, reason."""
+"""Transition of the safety state machine: before, event, after, reason."""
 
 
 class AxisEvents:
@@ -82,7 +82,7 @@ class AxisEvents:
         self.limits.add(hit.rule, hit)
 
     def session_answered(self, handshake: Handshake, opened: bool, refused: str | None, now_ns: int) -> None:
-        """A handshake was answered. `handshake`: the other end's. `refused`: why it was, if it was."""
+        """Logs the answer to the other end's handshake: why it was `refused`, or that a session opened."""
         if refused is not None:
             self._repeat("session_refused", "handshake", **{**peer(handshake), "reason": refused})
         elif opened:
@@ -90,7 +90,7 @@ class AxisEvents:
             self._note("session_opened", now_ns, **peer(handshake))
 
     def session_lost(self, reason: str, now_ns: int) -> bool:
-        """There is no session; whether there was one until now."""
+        """Logs the end of the session, if there was one; True then."""
         session, self._session = self._session, None
         if session is not None:
             self._note("session_lost", now_ns, session=session, reason=reason)
@@ -122,7 +122,7 @@ class AxisEvents:
         self._drain(self._repeated, now_ns, last)
 
     def _limited(self, hit: LimitHit, count: int, now_ns: int) -> None:
-        """Is overridden by an end that tells of its limits elsewhere, too."""
+        """Hook for an end that reports its limits elsewhere, too."""
 
     def _note(self, event: str, now_ns: int, /, **details: Detail) -> None:
         self._event_sink.note(event, now_ns, self._axis, **details)
@@ -136,6 +136,7 @@ class AxisEvents:
             self._note(event, now_ns, name=name, count=count, **details)
 
     def _transition(self, entry: str, transition: Transition, session: int, now_ns: int) -> None:
+        """Logs a transition; asks for a flight record where it halts the axis or ends a motion unasked."""
         before, event, after, reason = transition
         self._note(
             entry, now_ns,

@@ -1,4 +1,4 @@
-"""What a daemon tells the person at its terminal, or the journal, in one line each."""
+"""Lines from a daemon for the person at its terminal, or for the journal."""
 
 from collections.abc import Callable, Mapping
 from contextlib import suppress

@@ -49,8 +49,8 @@ class EventSink:
     def flight(self, axis: str, event: str, reason: str, now_ns: int) -> None:
         """Requests a flight record of the last 2 s and the next half second."""
 
-    def kept(self, axis: str) -> bool:
-        """Whether a new start would find the axis latched, or not latched, as it is now."""
+    def is_persisted(self, axis: str) -> bool:
+        """True when a new start would find the axis latched, or not latched, as it is now."""
         del axis
         return True
 

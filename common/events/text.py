@@ -40,7 +40,7 @@ _LIMITED = {
     DISTRUSTED: "prediction not believed, the late force at the hand",
     CONTACT_LOST: "the wall gave way, what was learned of it is forgotten",
 }
-"""What became of a motion or a force by a rule; of others that they were limited."""
+"""Effect of a rule on a motion or a force; others are said to be limited."""
 
 _UNITS = ContextVar("units", default=("m", "N"))
 PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: ""}
@@ -67,9 +67,9 @@ def emergency_stop(by: str, reason: str) -> str:
     return f"emergency stop by {by}: {reason}"
 
 
-def not_armed(rule: str, found: float, limit: float) -> str:
-    """Why an axis does not arm, in a line; empty for a rule that does not prevent it."""
-    reason = obstacle(rule, found, limit)
+def not_armed(rule: str, value: float, limit: float) -> str:
+    """Line for an axis that does not arm; empty for a rule that does not prevent it."""
+    reason = obstacle(rule, value, limit)
     return f"not armed: {reason}" if reason else ""
 
 
@@ -77,22 +77,23 @@ def above_limit(force_n: float, limit_n: float) -> str:
     return f"force above limit: {quantity(force_n, 'N')}, limit {quantity(limit_n, 'N')}"
 
 
-def obstacle(rule: str, found: float, limit: float) -> str:
+def obstacle(rule: str, value: float, limit: float) -> str:
+    """Reason for which an axis does not arm; empty for a rule that does not prevent it."""
     if rule == ROUND_TRIP:
-        return long_round_trip(found, limit)
+        return long_round_trip(value, limit)
     if rule == SLOW_LIMIT:
         return (
-            f"the force limit leaves {found * 1e3:.2g} mm/s, at least {limit * 1e3:g} mm/s are needed: cell "
+            f"the force limit leaves {value * 1e3:.2g} mm/s, at least {limit * 1e3:g} mm/s are needed: cell "
             "and stage answer too late for limits.stiffest_wall_n_m"
         )
     if rule == ZERO:
-        reads, most = quantity(found, "N"), quantity(limit, "N")
+        reads, most = quantity(value, "N"), quantity(limit, "N")
         return f"load cell reads {reads} out of contact, at most {most}: tare it, or free the instrument"
     return ""
 
 
 def long_round_trip(round_trip_s: float, limit_s: float) -> str:
-    """Why an axis does not arm over a link that is too slow."""
+    """Reason for which an axis does not arm over a link that is too slow."""
     return f"{_ROUND_TRIP}{round_trip_s * 1e3:.0f} ms, limit {limit_s * 1e3:.0f} ms"
 
 
@@ -109,13 +110,12 @@ def _limit(event: LimitEvent) -> str:
 
 @contextmanager
 def units_of(*columns: Mapping[Any, str]) -> Iterator[None]:
-    """In the body rad are shown for m, and N m for N, where all of these recordings have angles, or torques.
-
+    """Shows rad for m, and N m for N, in its body, where all of these recordings have angles, or torques.
     `columns`: as of a `Recording`, each `unit:column`.
     """
-    units = [{key: text.partition(":")[0] for key, text in each.items()} for each in columns]
-    angles = all(each.get("position") in {"rad", "deg"} for each in units)
-    torques = all(each.get("force", "").endswith("m") for each in units)
+    units = [{key: text.partition(":")[0] for key, text in recording.items()} for recording in columns]
+    angles = all(recording.get("position") in {"rad", "deg"} for recording in units)
+    torques = all(recording.get("force", "").endswith("m") for recording in units)
     before = _UNITS.set(("rad" if angles else "m", "N m" if torques else "N"))
     try:
         yield

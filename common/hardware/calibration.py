@@ -14,10 +14,10 @@ SCALE_FACTOR = 2.0
 """Gain and data sheet agree within it: data sheets are right to some per cent, and a mistaken unit is further
 off (a pound-force is 4.4 N, a kilogram-force 9.8 N)."""
 _STAGE_TOLERANCE = 0.01
-"""Of the settings' scale: the lead of a screw is right to 0.1 % (ISO 3408-3, grade T10)."""
+"""Share of the settings' scale: the lead of a screw is right to 0.1 % (ISO 3408-3, grade T10)."""
 
 Serial = Annotated[str, Field(min_length=1, max_length=64)]
-"""What a calibration is bound to."""
+"""Serial number to which a calibration is bound."""
 
 
 class LoadCellCalibration(Settings):
@@ -46,7 +46,7 @@ class LoadCellCalibration(Settings):
 
 
 class StageCalibration(Settings):
-    """What homing and a run over the travel found: `native = zero + sign native_per_m x`, in device units;
+    """Result of homing and a run over the travel: `native = zero + sign native_per_m x`, in device units;
     `sign`: of the settings, not in `native_per_m`.
 
     `travel_m`: from end to end.
@@ -69,7 +69,7 @@ class CellScale(NamedTuple):
     full_scale_n: float
 
     def flaw(self, gain_n: float, zero: float) -> str | None:
-        """Why that gain and zero are not of such a cell, else None."""
+        """Reason for which that gain and zero are not of such a cell, else None."""
         low_n, high_n = self.newton_per_native / SCALE_FACTOR, self.newton_per_native * SCALE_FACTOR
         if not low_n <= gain_n <= high_n:
             return (
@@ -92,11 +92,11 @@ def load_cell_calibration(
         ConfigurationError: unreadable, of the future or out of date, of another device, or with a gain or
             zero that is not of such a cell; what to do.
     """
-    found = load_settings(LoadCellCalibration, path)
-    _check(path, found, driver, serial, today)
-    if flaw := scale.flaw(found.gain_n, found.zero):
-        raise ConfigurationError(f"{path}: {flaw}; correct load_cell, or {_again(found)}")
-    return found
+    stored = load_settings(LoadCellCalibration, path)
+    _check(path, stored, driver, serial, today)
+    if flaw := scale.flaw(stored.gain_n, stored.zero):
+        raise ConfigurationError(f"{path}: {flaw}; correct load_cell, or {_again(stored)}")
+    return stored
 
 
 def stage_calibration(
@@ -107,45 +107,45 @@ def stage_calibration(
     travel_m: tuple[float, float],
     native_per_m: float,
 ) -> StageCalibration:
-    """As `load_cell_calibration`, of a stage; its travel must hold `travel_m`, its scale be that of the
-    settings.
-    """
-    found = load_settings(StageCalibration, path)
-    _check(path, found, driver, serial, today)
-    if abs(found.native_per_m - native_per_m) > _STAGE_TOLERANCE * native_per_m:
+    """A stage's calibration, checked as in `load_cell_calibration`; covers `travel_m`, with that scale."""
+    stored = load_settings(StageCalibration, path)
+    _check(path, stored, driver, serial, today)
+    if abs(stored.native_per_m - native_per_m) > _STAGE_TOLERANCE * native_per_m:
         raise ConfigurationError(
-            f"{path}: native_per_m = {found.native_per_m:g}: expected {native_per_m:g} within "
-            f"{_STAGE_TOLERANCE:.0%}, the scale in the settings; correct stage, or {_again(found)}"
+            f"{path}: native_per_m = {stored.native_per_m:g}: expected {native_per_m:g} within "
+            f"{_STAGE_TOLERANCE:.0%}, the scale in the settings; correct stage, or {_again(stored)}"
         )
-    (low, high), (lowest, highest) = travel_m, found.travel_m
+    (low, high), (lowest, highest) = travel_m, stored.travel_m
     if low < lowest or high > highest:
         raise ConfigurationError(
             f"{path}: travel_m = [{lowest:g}, {highest:g}]: expected it to cover "
             f"stage.travel_m = [{low:g}, {high:g}]"
         )
-    return found
+    return stored
 
 
 def _check(
-    path: Path, found: LoadCellCalibration | StageCalibration, driver: str, serial: str, today: date
+    path: Path, stored: LoadCellCalibration | StageCalibration, driver: str, serial: str, today: date
 ) -> None:
-    for name, value, expected in (("driver", found.driver, driver), ("serial", found.serial, serial)):
+    """Raises ConfigurationError for another device, or a date of the future or out of its validity."""
+    advice = _again(stored)
+    for name, value, expected in (("driver", stored.driver, driver), ("serial", stored.serial, serial)):
         if value != expected:
             raise ConfigurationError(
-                f"{path}: {name} = {value!r}: expected {expected!r}, the device that answers; {_again(found)}"
+                f"{path}: {name} = {value!r}: expected {expected!r}, the device that answers; {advice}"
             )
-    age_days = (today - found.date).days
+    age_days = (today - stored.date).days
     if age_days < 0:
         raise ConfigurationError(
-            f"{path}: date = {found.date}: expected at most today, {today}; correct this host's clock, or "
-            f"{_again(found)}"
+            f"{path}: date = {stored.date}: expected at most today, {today}; correct this host's clock, or "
+            f"{advice}"
         )
-    if age_days > found.valid_days:
+    if age_days > stored.valid_days:
         raise ConfigurationError(
-            f"{path}: date = {found.date}: out of date by {age_days - found.valid_days} days; {_again(found)}"
+            f"{path}: date = {stored.date}: out of date by {age_days - stored.valid_days} days; {advice}"
         )
 
 
-def _again(found: LoadCellCalibration | StageCalibration) -> str:
-    slot = "stage" if isinstance(found, StageCalibration) else "load-cell"
+def _again(stored: LoadCellCalibration | StageCalibration) -> str:
+    slot = "stage" if isinstance(stored, StageCalibration) else "load-cell"
     return f"`forefeel calibrate {slot}` makes a new one"

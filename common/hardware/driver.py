@@ -41,7 +41,7 @@ class DriverSettings(Settings):
 
 @dataclass(frozen=True, slots=True)
 class Driver:
-    """What a package says of its driver. Places are `module:name` and are imported when they are used.
+    """Description of a driver by its package. Places are `module:name` and are imported when they are used.
 
     `make` is called with (settings, clock) and returns the port of the driver's slot; a driver of the
     simulated world (`in_world`) is called with (settings, world). `homing`: called with (settings, clock),
@@ -76,7 +76,7 @@ class InstalledDriver(NamedTuple):
         return imported(self.driver.make)(settings, around)
 
     def make_homing(self, settings: DriverSettings, clock: object) -> Any:  # noqa: ANN401 - a Homing
-        """What calibrates the stage (`forefeel.slave.stage.Homing`), not entered yet.
+        """The `forefeel.slave.stage.Homing` that calibrates the stage, not entered yet.
 
         Raises:
             ConfigurationError: the driver offers none.
@@ -101,12 +101,12 @@ def installed_driver(slot: Slot, name: str) -> InstalledDriver:
         KeyError: no installed distribution has one.
         ConfigurationError: it can not be imported, or is no driver.
     """
-    return _loaded(slot, _found(slot)[name])
+    return _loaded(slot, _entries(slot)[name])
 
 
 def installed_drivers(slot: Slot) -> list[InstalledDriver]:
     """Every driver of a slot, by name; all of them are imported."""
-    return [installed_driver(slot, name) for name in sorted(_found(slot))]
+    return [installed_driver(slot, name) for name in sorted(_entries(slot))]
 
 
 def every_driver() -> list[InstalledDriver]:
@@ -121,6 +121,7 @@ def driver_settings(slot: Slot) -> BeforeValidator:
     """Reads a section of a YAML file by the settings of the driver that it names."""
 
     def read(data: object, info: ValidationInfo) -> object:
+        """Validates a section by the settings of the driver that it names; passes settings through."""
         if isinstance(data, DriverSettings):
             return data
         if not isinstance(data, dict):
@@ -129,19 +130,19 @@ def driver_settings(slot: Slot) -> BeforeValidator:
             raise PydanticKnownError("union_tag_not_found", {"discriminator": "'driver'"})
         name = str(data["driver"]).encode(errors="replace").decode()  # pydantic takes no half characters
         try:
-            found = installed_driver(slot, name)
+            installed = installed_driver(slot, name)
         except KeyError:
-            known = ", ".join(map(repr, sorted(_found(slot))))
+            known = ", ".join(map(repr, sorted(_entries(slot))))
             expected = {"discriminator": "'driver'", "tag": name, "expected_tags": known}
             raise PydanticKnownError("union_tag_invalid", expected) from None
         except ConfigurationError as error:
             raise ValueError(str(error)) from error
-        return found.driver.settings.model_validate(data, context=info.context)
+        return installed.driver.settings.model_validate(data, context=info.context)
 
     return BeforeValidator(read)
 
 
-def _found(slot: Slot) -> dict[str, EntryPoint]:
+def _entries(slot: Slot) -> dict[str, EntryPoint]:
     return {entry.name: entry for entry in _installed().select(group=_GROUPS[slot])}
 
 
@@ -149,6 +150,7 @@ _installed = cache(entry_points)  # each look takes 4 ms, and what is installed 
 
 
 def _loaded(slot: Slot, entry: EntryPoint) -> InstalledDriver:
+    """Imports an entry point's driver; raises ConfigurationError where it is none, or of another name."""
     try:
         driver = entry.load()
     except (ImportError, AttributeError) as error:

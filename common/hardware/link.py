@@ -17,7 +17,7 @@ _KEPT_ROUND_TRIPS = 8192  # round trips that wait to be taken: 8.2 s at 1 kHz
 
 
 class LinkState(IntEnum):
-    """How far a link has come; only READY may move or measure."""
+    """Steps of a link; only READY may move or measure."""
 
     CLOSED = 0
     OPEN = 1
@@ -59,7 +59,7 @@ class DeviceLink:
         return self._inhibited
 
     def advance(self, to: LinkState) -> None:
-        """The next step of the handshake; after a fault CONFIGURED is the last without `rearm`.
+        """Takes the next step of the handshake; after a fault CONFIGURED is the last without `rearm`.
 
         Raises:
             ValueError: a step is left out.
@@ -72,20 +72,20 @@ class DeviceLink:
             self._state = to
 
     def exchanged(self, round_trip_ns: int | None = None) -> None:
-        """One more reading, readback or reply has come; called by the thread of the conversation alone."""
+        """Counts a reading, readback or reply that has come; called by the conversation's thread alone."""
         self.exchanges += 1
         if round_trip_ns is not None:
             self.round_trips_ns.put(round_trip_ns)
 
     def fault(self, reason: str) -> None:
-        """Leaves READY, from any thread; the first reason since the last re-arming is kept."""
+        """Closes and inhibits the link, from any thread; the first reason since a re-arming is kept."""
         with self._lock:
             self.counters["faults"] += 1
             self._inhibited = self._inhibited or reason
             self._state = LinkState.CLOSED
 
     def begin(self) -> None:
-        """Opening a device is an explicit act: what was before it, a fault too, is over."""
+        """Closes the link and lifts any inhibition, for opening a device is an explicit act."""
         with self._lock:
             self._inhibited, self._state = None, LinkState.CLOSED
 
@@ -94,7 +94,7 @@ class DeviceLink:
             self._state = LinkState.CLOSED
 
     def rearm(self) -> None:
-        """The explicit act after a fault.
+        """Lifts the inhibition after a fault: READY again.
 
         Raises:
             DeviceError: the handshake has not been repeated yet; the inhibition stays.

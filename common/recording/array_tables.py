@@ -55,7 +55,7 @@ class ArrayTable:
 
 @contextmanager
 def reading(path: Path, what: str, package: str) -> Iterator[None]:
-    """What a library raises in the body becomes one line, its warnings none; `package` may be missing."""
+    """Makes a library's exception a RecordingError, ignores its warnings; `package` may be missing."""
     try:
         with warnings.catch_warnings(action="ignore"):
             yield
@@ -100,6 +100,7 @@ def spreadsheet(path: Path) -> TextTable:
 
 
 def _as_text(path: Path) -> tuple[bytes, list[str]]:
+    """The sheet as text with tabs, and a note on which one it is where there are several."""
     with reading(path, "a spreadsheet", "openpyxl"), opened(path) as file:
         import openpyxl  # noqa: PLC0415 - an extra
 
@@ -164,7 +165,7 @@ def _elements(path: Path, whole: Any, field: Any) -> int:  # noqa: ANN401 - of p
 
 
 def _require_column(path: Path, metadata: Any, name: str) -> None:  # noqa: ANN401 - of pyarrow
-    """A zero that is stored once may stand for any number of values."""
+    """Refuses a column that unpacks to too much: a zero that is stored once may stand for many values."""
     groups = (metadata.row_group(i) for i in range(metadata.num_row_groups))
     chunks = (group.column(i) for group in groups for i in range(group.num_columns))
     sizes = (
@@ -176,7 +177,7 @@ def _require_column(path: Path, metadata: Any, name: str) -> None:  # noqa: ANN4
 
 
 def _parquet_column(path: Path, name: str, element: int | None = None) -> Array:
-    """Read in batches, so that little but the column is held."""
+    """Reads a column in batches, so that little but the column is held."""
     import pyarrow as arrow  # noqa: PLC0415 - slow to import
     from pyarrow import compute  # noqa: PLC0415
     from pyarrow.parquet import ParquetFile  # noqa: PLC0415
@@ -241,6 +242,7 @@ def _require_matlab_room(path: Path, file: BinaryIO) -> None:
 
 
 def _memory(data: memoryview, order: str) -> int:
+    """Bytes that scipy takes for the elements in `data`, with what cells and structures hold."""
     words, at, size = struct.Struct(f"{order}II"), 0, 0
 
     def element() -> tuple[int, memoryview]:
@@ -275,7 +277,7 @@ def hdf5(path: Path) -> ArrayTable:
     Raises:
         RecordingError: not installed, unreadable, damaged, or no table in it.
     """
-    found: dict[str, Any] = {}
+    datasets: dict[str, Any] = {}
     with reading(path, "an HDF5 file", "h5py"), opened(path):
         import h5py  # noqa: PLC0415 - an extra
 
@@ -284,14 +286,14 @@ def hdf5(path: Path) -> ArrayTable:
                 if item.external or item.is_virtual:
                     raise RecordingError(f"{path}: {name!r} lies in another file, expected it in this one")
                 _require_chunks(path, item)
-                found[name.replace("/", ".")] = item
+                datasets[name.replace("/", ".")] = item
 
         h5py.File(path).visititems(take)  # stays open as long as the data sets are there
-    return _table(path, found)
+    return _table(path, datasets)
 
 
 def _require_chunks(path: Path, values: Any) -> None:  # noqa: ANN401 - of h5py
-    """A chunk may be larger than its data set, and unpack to more than its size."""
+    """Refuses chunks beyond the room: one may be larger than its data set, and than its size says."""
     require_room(path, values.dtype.itemsize * prod(values.chunks or (0,)))
 
     def check(chunk: Any) -> None:  # noqa: ANN401 - of h5py
@@ -303,19 +305,20 @@ def _require_chunks(path: Path, values: Any) -> None:  # noqa: ANN401 - of h5py
 
 
 def _flat(variables: Mapping[str, Any], head: str = "") -> dict[str, Array]:
-    found: dict[str, Array] = {}
+    """Numeric arrays of nested structures, by the dotted path of their names."""
+    arrays: dict[str, Array] = {}
     for name, value in variables.items():
         if isinstance(value, Mapping):
-            found |= _flat(value, f"{head}{name}.")
+            arrays |= _flat(value, f"{head}{name}.")
         elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
-            found[head + name] = value
-    return found
+            arrays[head + name] = value
+    return arrays
 
 
-def _table(path: Path, found: Mapping[str, Any], units: Mapping[str, str] | None = None) -> ArrayTable:
-    """Of the arrays or data sets those of the usual length, a matrix as its columns."""
+def _table(path: Path, arrays: Mapping[str, Any], units: Mapping[str, str] | None = None) -> ArrayTable:
+    """Table of the arrays or data sets that have the usual length, a matrix as its columns."""
     columns: dict[str, tuple[int, Callable[[], Array]]] = {}
-    for name, values in found.items():
+    for name, values in arrays.items():
         sides = [side for side in values.shape or () if side != 1]
         if len(sides) == 2 and min(sides) <= _MOST_ELEMENTS:
             rows = range(min(sides))
@@ -326,11 +329,12 @@ def _table(path: Path, found: Mapping[str, Any], units: Mapping[str, str] | None
     if not lengths:
         raise RecordingError(f"{path}: no arrays of numbers, expected time, position and force")
     usual = max(lengths, key=lambda length: (lengths[length], length))
-    kept = {name: read for name, (length, read) in columns.items() if length == usual}
-    return ArrayTable(kept, units or {})
+    usable = {name: read for name, (length, read) in columns.items() if length == usual}
+    return ArrayTable(usable, units or {})
 
 
 def _line(path: Path, values: Any, row: int | None = None) -> Array:  # noqa: ANN401 - an array or a data set
+    """One array, or one row or column of a matrix along its longer side, as float64."""
     require_room(path, 8 * values.size)
     with reading(path, "a table", ""):
         values = np.squeeze(values[()])
@@ -359,10 +363,10 @@ def tdms(path: Path) -> ArrayTable:
         channels = [channel for channel in channels if len(channel) == usual]
         names = Counter(channel.name for channel in channels)
         step_s = channels[0].properties.get("wf_increment") if channels else None
-        found: dict[str, Any] = {"time_s": np.arange(usual) * float(step_s)} if step_s else {}
+        arrays: dict[str, Any] = {"time_s": np.arange(usual) * float(step_s)} if step_s else {}
         units = dict[str, str]()
         for channel in channels:
             name = channel.name if names[channel.name] == 1 else f"{channel.group_name}/{channel.name}"
             units[name] = "s" if channel.dtype.kind == "M" else str(channel.properties.get("unit_string", ""))
-            found[name] = np.asarray(channel[:])
-    return _table(path, found, units)
+            arrays[name] = np.asarray(channel[:])
+    return _table(path, arrays, units)

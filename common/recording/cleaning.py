@@ -1,4 +1,4 @@
-"""What of a table's rows can be used: incomplete, doubled, rounded and out of order ones are told apart."""
+"""Cleaning of a table's rows: incomplete, doubled, rounded and out of order ones are told apart."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,15 +24,15 @@ def clean(time_s: Array, values: Array) -> tuple[Array, Array, list[str]]:
     """
     done: list[str] = []
     whole = np.isfinite(time_s) & np.isfinite(values).all(axis=0)
-    time_s, values = _kept(time_s, values, whole, "for a missing number", done)
+    time_s, values = _selected(time_s, values, whole, "for a missing number", done)
     if len(time_s) > 1:
         same = (np.diff(time_s) == 0.0) & (np.diff(values) == 0.0).all(axis=0)
-        time_s, values = _kept(time_s, values, np.append(True, ~same), "as duplicates", done)
+        time_s, values = _selected(time_s, values, np.append(True, ~same), "as duplicates", done)
     time_s, values = _ordered(time_s, values, done)
     return _spread(time_s, done), values, done
 
 
-def _kept(
+def _selected(
     time_s: Array, values: Array, keep: NDArray[np.bool_], which: str, done: list[str]
 ) -> tuple[Array, Array]:
     if (dropped := int(np.count_nonzero(~keep))) == 0:
@@ -42,6 +42,7 @@ def _kept(
 
 
 def _ordered(time_s: Array, values: Array, done: list[str]) -> tuple[Array, Array]:
+    """Puts late rows in their place; where the time goes back further, appends another run."""
     steps = np.diff(time_s)
     back = np.flatnonzero(steps < 0.0)
     if not len(back):
@@ -61,7 +62,7 @@ def _ordered(time_s: Array, values: Array, done: list[str]) -> tuple[Array, Arra
 
 
 def _spread(time_s: Array, done: list[str]) -> Array:
-    """Stamps that are rounded, or stand for a packet of samples."""
+    """Spreads stamps that are rounded, or stand for a packet of samples, evenly to the next one."""
     first = np.flatnonzero(np.append(True, np.diff(time_s) > 0.0))
     if len(first) == len(time_s) or len(first) < 3:
         return time_s

@@ -1,4 +1,4 @@
-"""Which column of a table is time, position and force, and in what unit: by the words that people use."""
+"""Columns of time, position and force in a table, and their units, by the words that people use."""
 
 import re
 from collections.abc import Mapping as NamedUnits
@@ -22,7 +22,7 @@ def _any_of(words: str) -> re.Pattern[str]:
     return re.compile(rf"(?:^|[^a-z])(?:{words})(?:[^a-z]|$)")
 
 
-_PATTERNS = {each: _any_of(words) for each, words in _WORDS.items()}
+_PATTERNS = {quantity: _any_of(words) for quantity, words in _WORDS.items()}
 _ROTARY = _any_of(f"{_ANGLE}|[a-z]q|{_TORQUE}")
 _DERIVATIVE = _any_of("[a-z]?d{1,2}[qx]|vel|velocity|speed|acc|acceleration|dot")
 """Speed and acceleration, which are none of the three; `v` and `a` are where they are the whole name."""
@@ -44,19 +44,19 @@ def candidates(names: Sequence[str], units: NamedUnits[str, str], quantity: Quan
     canonical = _CANONICAL[quantity]
     if canonical in names:
         return [Choice(canonical, canonical.partition("_")[2].replace("n", "N"))]
-    found = []
+    choices = []
     for name in names:
         bare, unit = split_unit(name, quantity)
         unit = unit_of(quantity, units.get(name, "")) or unit
         other = unit is None and quantity == "position" and _PATTERNS["force"].search(bare.lower())
         if _PATTERNS[quantity].search(bare.lower()) and not other and not is_derivative(bare):
-            found.append(Choice(name, unit))
-    return [choice for choice in found if choice.unit is not None] or found
+            choices.append(Choice(name, unit))
+    return [choice for choice in choices if choice.unit is not None] or choices
 
 
 def undecided(names: Sequence[str], units: NamedUnits[str, str], quantity: Quantity) -> list[Choice]:
-    """The columns whose name speaks of nothing else."""
-    others = [each for each in QUANTITIES if each != quantity]
+    """Columns that may hold the quantity: their names speak of no other one and of no derivative."""
+    others = [other for other in QUANTITIES if other != quantity]
     return [
         Choice(name, unit_of(quantity, units.get(name, "")))
         for name in names
@@ -69,7 +69,7 @@ def is_derivative(name: str) -> bool:
 
 
 def is_rotary(name: str) -> bool:
-    """Whether it speaks of an angle or a torque."""
+    """True if it speaks of an angle or a torque."""
     return _ROTARY.search(name.lower()) is not None
 
 

@@ -128,7 +128,7 @@ def recording_of(
     numbers = table.read([column for column, _ in chosen.values()])
     factors = [TO_SI[quantity][unit] for quantity, (_, unit) in chosen.items()]
     time_s = (numbers[0] - _first(numbers[0])) * factors[0]
-    values = np.array([each * factor for each, factor in zip(numbers[1:], factors[1:], strict=True)])
+    values = np.array([column * factor for column, factor in zip(numbers[1:], factors[1:], strict=True)])
     time_s, values, done = clean(time_s, values)
     if len(time_s) < 2:
         notes = "".join(f"; {note}" for note in done)
@@ -139,7 +139,7 @@ def recording_of(
 
 
 def _first(values: Array) -> float:
-    """Of stamps since 1970 nothing is lost in the difference; others keep their origin."""
+    """First of stamps since 1970, whose differences lose nothing; 0 for others: they keep their origin."""
     finite = values[np.isfinite(values)]
     return float(finite[0]) if len(finite) and abs(finite[0]) > 1e6 else 0.0
 
@@ -149,6 +149,7 @@ Chosen = dict[Quantity, tuple[str, str]]
 
 
 def _chosen(source: str, table: Table, mapping: Mapping, force: bool | None) -> Chosen:
+    """Column and unit of each quantity, as given or by its name; raises UnclearError where in doubt."""
     given = mapping.columns()
     for quantity, (column, _) in given.items():
         if column not in table.names:
@@ -156,38 +157,40 @@ def _chosen(source: str, table: Table, mapping: Mapping, force: bool | None) -> 
             raise RecordingError(f"{source}: no column {column!r} for the {quantity}, it has {names}")
     chosen: Chosen = {}
     doubts: dict[Quantity, str] = {}
-    wanted = [each for each in QUANTITIES if each != "force" or force is not False or each in given]
-    for quantity in wanted:
+    for quantity in QUANTITIES:
+        if quantity == "force" and force is False and quantity not in given:
+            continue
         if quantity in given:
             chosen[quantity] = given[quantity]
             continue
         taken = {column for column, _ in (*given.values(), *chosen.values())}
-        found = [each for each in candidates(table.names, table.units, quantity) if each.column not in taken]
-        if len(found) == 1 and found[0].unit is not None:
-            chosen[quantity] = found[0].column, found[0].unit
-        elif found or quantity != "force" or force:
-            doubts[quantity] = _doubt(quantity, found)
+        named = candidates(table.names, table.units, quantity)
+        choices = [choice for choice in named if choice.column not in taken]
+        if len(choices) == 1 and choices[0].unit is not None:
+            chosen[quantity] = choices[0].column, choices[0].unit
+        elif choices or quantity != "force" or force:
+            doubts[quantity] = _doubt(quantity, choices)
     if doubts:
         raise _unclear(source, table, chosen, doubts)
     return chosen
 
 
-def _doubt(quantity: Quantity, found: Sequence[Choice]) -> str:
-    if not found:
+def _doubt(quantity: Quantity, choices: Sequence[Choice]) -> str:
+    if not choices:
         return f"no {quantity}: no column is named so"
-    if len(found) == 1:
-        return f"no unit of {found[0].column!r} is stated"
-    return f"{', '.join(repr(each.column) for each in found)} may each be the {quantity}"
+    if len(choices) == 1:
+        return f"no unit of {choices[0].column!r} is stated"
+    return f"{', '.join(repr(choice.column) for choice in choices)} may each be the {quantity}"
 
 
 def _unclear(source: str, table: Table, chosen: Chosen, doubts: dict[Quantity, str]) -> RecordingError:
-    """What is in doubt, and the columns that are likely by their names, their place and what they hold."""
+    """The error on what is in doubt, with the columns that are likely by their names, place and numbers."""
     free = [name for name in table.names if name not in {column for column, _ in chosen.values()}]
     likely: dict[str, str] = {}
     for quantity, doubt in doubts.items():
         named = candidates(free, table.units, quantity) or undecided(free, table.units, quantity)
-        numbers = {each.column: _numbers(table, each.column) for each in named}
-        fits = [each for each in named if _fits(quantity, numbers[each.column])]
+        numbers = {choice.column: _numbers(table, choice.column) for choice in named}
+        fits = [choice for choice in named if _fits(quantity, numbers[choice.column])]
         if not fits:
             names = ", ".join(map(repr, table.names))
             raise RecordingError(
@@ -208,7 +211,7 @@ def _numbers(table: Table, name: str) -> Array:
 
 
 def _fits(quantity: Quantity, values: Array) -> bool:
-    """Whether a column may be that quantity: it changes, and a time mostly grows."""
+    """True if a column may be that quantity: it changes, and a time mostly grows."""
     values = values[np.isfinite(values)]
     if len(values) < 2 or np.ptp(values) == 0.0:
         return False

@@ -26,6 +26,7 @@ Columns = dict[str, NDArray[Any]]
 
 _BLOCK_MESSAGES = 4096
 _NUMBERS = {bool, int, float, NoneType}
+_LIST_OF = cache(lambda kind: TypeAdapter(list[kind]))  # type: ignore[valid-type]
 _IMPAIRMENTS = {topic.name: topic for topic in (MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT)}
 
 
@@ -65,6 +66,7 @@ class Run:
         self.axes: tuple[str, ...] = tuple(sorted({axis for axis, _ in self._streams}))
 
     def _read(self, records: RecordReader) -> None:
+        """Sorts messages by stream, metadata by name; raises RecordingError where a record does not fit."""
         channels, count = dict[int, Stream](), 0
         for record in records:
             if isinstance(record, MessageRecord):
@@ -97,7 +99,7 @@ class Run:
         return len(self.stream(axis, topic).payloads)
 
     def log_ns(self, axis: str, topic: Topic[Any]) -> NDArray[np.int64]:
-        """When each message was received, by the monotonic clock of the recording host."""
+        """Receive stamps of the messages, by the monotonic clock of the recording host."""
         return np.array(self.stream(axis, topic).log_ns, dtype=np.int64)
 
     def messages(self, axis: str, topic: Topic[M]) -> Iterator[M]:
@@ -165,8 +167,8 @@ class Run:
 
     def _only_axis(self) -> str:
         if len(self.axes) != 1:
-            found = ", ".join(self.axes) or "no axis"
-            raise RecordingError(f"{self.path}: holds {found}, expected one axis to be named")
+            axes = ", ".join(self.axes) or "no axis"
+            raise RecordingError(f"{self.path}: holds {axes}, expected one axis to be named")
         return self.axes[0]
 
     def stream(self, axis: str, topic: Topic[Any]) -> Stream:
@@ -182,8 +184,9 @@ class Run:
 
 
 def _decoded(kind: type[M], payloads: list[bytes], first: int, where: str) -> list[M]:
+    """Messages of the payloads; raises RecordingError that names the first that is none."""
     try:  # as one JSON array, which is faster than one by one
-        messages: list[M] = _list_of(kind).validate_json(b"[%b]" % b",".join(payloads))
+        messages: list[M] = _LIST_OF(kind).validate_json(b"[%b]" % b",".join(payloads))
     except ValidationError:
         messages = []
     if len(messages) == len(payloads):
@@ -192,6 +195,7 @@ def _decoded(kind: type[M], payloads: list[bytes], first: int, where: str) -> li
 
 
 def decoded_one(kind: type[M], payload: bytes, where: str) -> M:
+    """The message of a payload; raises RecordingError that says `where`, and which field is wrong."""
     try:
         return kind.model_validate_json(payload)
     except ValidationError as error:
@@ -200,12 +204,8 @@ def decoded_one(kind: type[M], payload: bytes, where: str) -> M:
         raise RecordingError(f"{where}: {place}: {fault['msg']}") from error
 
 
-@cache
-def _list_of(kind: type[Message]) -> TypeAdapter[Any]:
-    return TypeAdapter(list[kind])  # type: ignore[valid-type]
-
-
 def _columns(kind: type[M], blocks: Iterator[list[M]]) -> Columns:
+    """Fields that hold numbers, as arrays over all messages, None as NaN; text and lists are left out."""
     parts: dict[str, list[NDArray[Any]]] = {name: [] for name in kind.model_fields}
     for block in blocks:
         for name in list(parts):

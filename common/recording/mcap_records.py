@@ -17,7 +17,7 @@ from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import reason_of, room_of
 
 DAMAGE = (struct.error, ValueError, OverflowError, MemoryError, RuntimeError, McapError, zstandard.ZstdError)
-"""What the library and its decompressors raise for bytes that are no record."""
+"""Exceptions of the library and its decompressors for bytes that are no record."""
 
 
 class _CutError(Exception):
@@ -31,6 +31,7 @@ class _WholeReads:
         self._file, self._left = file, size - file.tell()
 
     def read(self, length: int) -> bytes:
+        """Reads all `length` bytes; raises _CutError where fewer are left."""
         if length < 0:
             raise ValueError("a record shorter than its head")
         if length > self._left:
@@ -51,7 +52,7 @@ class RecordReader:
         self.at = 0
         """The byte where the record, or the chunk that holds it, begins."""
         self.truncated = True
-        """Whether the file ends before its footer; known after the iteration."""
+        """True if the file ends before its footer; known after the iteration."""
         if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
             raise RecordingError(f"{path}: does not start as an MCAP file, expected one")
 
@@ -79,10 +80,7 @@ def damaged(path: Path, at: int, error: BaseException) -> RecordingError:
 
 
 def unpacked(chunk: Chunk, room: int) -> list[McapRecord]:
-    """The records in a chunk.
-
-    Raises one of `DAMAGE` where it is none, or unpacks to more than `room` bytes, before it takes them.
-    """
+    """The records in a chunk; raises one of `DAMAGE` where it is none, or would take over `room` bytes."""
     size = chunk.uncompressed_size
     if size > room:
         raise ValueError(f"a chunk of {len(chunk.data)} bytes unpacks to {size}, allowed {room}")

@@ -61,15 +61,15 @@ class RunSpans:
         self.path = path
         with opened(path) as file:
             channels, self._chunks, tables = _index(file, path)
-        self.metadata: Mapping[str, Mapping[str, str]] = {each.name: each.metadata for each in tables}
+        self.metadata: Mapping[str, Mapping[str, str]] = {table.name: table.metadata for table in tables}
         keys = {c.id: parse_key(c.topic) for c in channels if c.message_encoding == "json"}
-        cells = {found[0] for found in keys.values() if found}
+        cells = {key[0] for key in keys.values() if key}
         if len(cells) > 1:
             raise RecordingError(f"{path}: cells {', '.join(sorted(cells))}, expected one cell")
         if not self._chunks or not cells:
             raise RecordingError(f"{path}: holds no messages of a cell in chunks, expected a recorded run")
         (self.cell,) = cells
-        self._topics = {number: found[1:] for number, found in keys.items() if found}
+        self._topics = {number: key[1:] for number, key in keys.items() if key}
         self.axes = tuple(sorted({axis for axis, _ in self._topics.values()}))
         self.start_ns = min(chunk.start_ns for chunk in self._chunks)
         self.end_ns = max(chunk.end_ns for chunk in self._chunks)
@@ -84,7 +84,7 @@ class RunSpans:
             RecordingError: damaged, or a message is not what its topic carries.
         """
         names = {topic.name for topic in topics}
-        wanted = {number: found for number, found in self._topics.items() if found[1].name in names}
+        wanted = {number: place for number, place in self._topics.items() if place[1].name in names}
         for chunk in self._chunks:
             if chunk.end_ns < start_ns or chunk.start_ns >= end_ns:
                 continue
@@ -98,16 +98,18 @@ class RunSpans:
                     yield Logged(message.log_time, axis, topic, decoded)
 
     def _read(self, at: int) -> list[MessageRecord]:
+        """Messages of the chunk at that byte, by their log time."""
         with opened(self.path) as file:
             file.seek(at + _RECORD_HEAD_BYTES)
             try:
                 records = unpacked(Chunk.read(ReadDataStream(file)), room_of(self.path))
             except DAMAGE as error:
                 raise damaged(self.path, at, error) from error
-        return sorted((each for each in records if isinstance(each, MessageRecord)), key=_LOG_NS)
+        return sorted((record for record in records if isinstance(record, MessageRecord)), key=_LOG_NS)
 
 
 def _index(file: BinaryIO, path: Path) -> tuple[list[Channel], list[_Chunk], list[Metadata]]:
+    """Channels, chunks and metadata, by the summary of the file or else by going through it once."""
     try:
         reader = make_reader(file)
         summary, tables = reader.get_summary(), list(reader.iter_metadata())
@@ -115,8 +117,8 @@ def _index(file: BinaryIO, path: Path) -> tuple[list[Channel], list[_Chunk], lis
         summary, tables = None, []
     if summary is not None and summary.chunk_indexes:
         chunks = [
-            _Chunk(each.chunk_start_offset, each.message_start_time, each.message_end_time)
-            for each in summary.chunk_indexes
+            _Chunk(index.chunk_start_offset, index.message_start_time, index.message_end_time)
+            for index in summary.chunk_indexes
         ]
         return list(summary.channels.values()), chunks, tables
     file.seek(0)

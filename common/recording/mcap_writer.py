@@ -55,6 +55,7 @@ class _ChunkedFile:
         self._put(records.Header("", LIBRARY_IDENTIFIER))
 
     def topic(self, key: str, kind: type[Message], metadata: dict[str, str]) -> _Topic:
+        """Declares a channel, with its schema where that is new."""
         name = kind.__name__
         if name not in self._schemas:
             text = json.dumps(kind.model_json_schema(mode="serialization"))
@@ -66,6 +67,7 @@ class _ChunkedFile:
         return self._topics[-1]
 
     def add(self, topic: _Topic, sequence: int, log_ns: int, publish_ns: int, data: bytes) -> None:
+        """Adds a message to the chunk in progress; ends one that has grown beyond 1 MiB."""
         length = _MESSAGE_HEAD + len(data)
         head = _MESSAGE.pack(Opcode.MESSAGE, length, topic.channel.id, sequence, log_ns, publish_ns)
         topic.index += (log_ns, len(self._chunk))
@@ -90,8 +92,10 @@ class _ChunkedFile:
         places, index_at = {}, self._stream.tell()
         for topic in inside:
             places[topic.channel.id] = self._stream.tell()
-            self._stream.write(_message_index(topic))
-            topic.written += len(topic.index) // 2
+            count, index_bytes = len(topic.index), 8 * len(topic.index)
+            head = (Opcode.MESSAGE_INDEX, 6 + index_bytes, topic.channel.id, index_bytes)
+            self._stream.write(struct.pack(f"<BQHI{count}Q", *head, *topic.index))
+            topic.written += count // 2
             topic.index.clear()
         index_length = self._stream.tell() - index_at
         index = records.ChunkIndex(length, at, "", size, last_ns, index_length, places, first_ns, size)
@@ -101,6 +105,7 @@ class _ChunkedFile:
         self._chunk.clear()
 
     def finish(self) -> None:
+        """Ends the last chunk and writes index, summary and footer."""
         self.end_chunk()
         self._put(records.DataEnd(0))
         channels = [topic.channel for topic in self._topics]
@@ -139,12 +144,6 @@ def _bytes(record: records.McapRecord) -> bytes:
     record.write(builder)
     data: bytes = builder.end()  # type: ignore[no-untyped-call]
     return data
-
-
-def _message_index(topic: _Topic) -> bytes:
-    count, length = len(topic.index), 8 * len(topic.index)
-    head = (Opcode.MESSAGE_INDEX, 6 + length, topic.channel.id, length)
-    return struct.pack(f"<BQHI{count}Q", *head, *topic.index)
 
 
 class RunWriter:
@@ -203,6 +202,7 @@ class RunWriter:
         self._add(self._topics.get(key) or self._add_topic(key), message, receive_ns)
 
     def _add(self, topic: _Topic, message: Message, receive_ns: int) -> None:
+        """Writes a message as JSON and counts it; raises RunError where that fails."""
         data = message.__pydantic_serializer__.to_json(message)
         try:
             self._mcap.add(topic, message.sequence % 2**32, receive_ns, max(message.stamp_ns, 0), data)
@@ -244,6 +244,7 @@ class RunWriter:
         self.close()
 
     def _add_topic(self, key: str) -> _Topic:
+        """Declares the channel of a key; raises ValueError where it is none of the topic table."""
         parsed = parse_key(key)
         if parsed is None:
             raise ValueError(f"{key!r}: expected forefeel/cell/axis/topic with a topic of the table")

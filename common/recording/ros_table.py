@@ -19,7 +19,7 @@ from forefeel.common.recording.recording import Array, opened, require_room, roo
 _UNITS = {"force": "N", "torque": "Nm", "position": "m"}
 """REP 103: SI units everywhere. A joint's position may be rad."""
 Size = tuple[int, int, float]
-"""Of a field: its least bytes in a file, those in memory then, and the most for each further one."""
+"""Least bytes of a field in a file, those in memory then, and the most for each further one."""
 _BASE, _NAME, _ARRAY = 1, 2, 3  # Nodetype of rosbags
 _PACKED = {"64": 8, "32": 4, "16": 2, "ng": 4}  # bytes by the end of a primitive's name, a string's length
 _OBJECT_BYTES = 200  # of a number, a text or a message in Python with what holds it
@@ -75,16 +75,18 @@ class RosTable:
         return [time_s if name == "time" else self._at(time_s, topic, name) for name in names]
 
     def _at(self, time_s: Array, topic: str, name: str) -> Array:
-        own, values = self._columns[name]
-        if own == topic:
+        """A column at the stamps of a topic, interpolated, with a note, where it is of another one."""
+        source, values = self._columns[name]
+        if source == topic:
             return values
-        stamps_s = np.array(self._stamps_s[own])
+        stamps_s = np.array(self._stamps_s[source])
         order = np.argsort(stamps_s, kind="stable")
         self.notes.append(f"{name} interpolated at the stamps of {topic}")
         return np.interp(time_s, stamps_s[order], values[order], left=np.nan, right=np.nan)
 
 
 def _numbers(value: Any, head: str) -> Iterator[tuple[str, float]]:  # noqa: ANN401 - a message of any kind
+    """Every number in a message, with the path of its field."""
     if isinstance(value, bool | int | float | np.number):
         yield head, float(value)
     elif isinstance(value, np.ndarray | list):
@@ -125,7 +127,7 @@ def _messages(path: Path) -> Iterator[tuple[str, int, Any, int]]:
 
 
 def _bound_chunks(path: Path, reader: Any) -> None:  # noqa: ANN401 - of rosbags
-    """The library would unpack a chunk without a limit."""
+    """Bounds what a chunk may unpack to: the library has no limit."""
     new = {bz2.decompress: bz2.BZ2Decompressor, lz4.frame.decompress: lz4.frame.LZ4FrameDecompressor}
     for at, chunk in reader.chunks.items():
         if decompressor := new.get(chunk.decompressor):
@@ -138,6 +140,7 @@ def _require_message(path: Path, kind: str, packed: int, definitions: Any, sizes
 
 
 def _size(field: Any, definitions: Any, sizes: dict[str, Size]) -> Size:  # noqa: ANN401 - of rosbags
+    """Bounds of a field's size in a file and in memory; `sizes` keeps those of kinds."""
     node, of = field
     if node == _BASE:
         return _PACKED.get(of[0][-2:], 1), _OBJECT_BYTES, 4.0  # a character takes up to 4

@@ -35,7 +35,7 @@ _UNIT = re.compile(r"[\[(]?[A-Za-zµμ°%][A-Za-z0-9µμ°%·*/^ ]{0,7}[\])]?|[\
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How a text table is written. `first`: lines before its first row. `kinds`: of `_KINDS`, by column."""
+    """Form of a text table. `first`: lines before its first row. `kinds`: of `_KINDS`, by column."""
 
     encoding: str
     delimiter: str
@@ -108,9 +108,11 @@ class TextTable:
         )
         try:
             with self._source(self._path) as file:
-                source = file if layout.delimiter != _BLANK else _single_blanks(file)
+                source = file
+                if layout.delimiter == _BLANK:  # one between two
+                    source = io.BytesIO(re.sub(rb"(?m)^ +| +$", b"", re.sub(rb"[ \t]+", b" ", file.read())))
                 batches = [
-                    [_floats(*each) for each in zip(batch.columns, kinds.values(), strict=True)]
+                    [_floats(cells, kind) for cells, kind in zip(batch.columns, kinds.values(), strict=True)]
                     for batch in arrow_csv.open_csv(source, reading, parsing, converting)
                 ]
         except arrow.ArrowInvalid as error:
@@ -122,7 +124,7 @@ class TextTable:
         return columns or [np.empty(0) for _ in names]
 
     def _note(self, odd: list[Any], rows: int) -> None:
-        """Comments and a last row that is cut off are left out; any other of another width is refused."""
+        """Notes a last row that is cut off; refuses any other of another width, comments apart."""
         last = self._layout.first + rows + len(odd)
         odd = [row for row in odd if not row.text.lstrip().startswith(_COMMENTS)]
         if not odd:
@@ -134,10 +136,11 @@ class TextTable:
         self.notes.append("the last line, which is cut off")
 
     def _refusal(self, error: Exception) -> str:
-        found = re.search(r"column #(\d+):(?: Row #(\d+):)?.*?invalid value '(.*)'", str(error), re.DOTALL)
-        if found is None:
+        """Text for an error of pyarrow, with line, column and value where it says them."""
+        match = re.search(r"column #(\d+):(?: Row #(\d+):)?.*?invalid value '(.*)'", str(error), re.DOTALL)
+        if match is None:
             return f"{self._path}: {reason_of(error)}, expected a table"
-        column, line, value = found.groups()
+        column, line, value = match.groups()
         place = f"line {line}, " if line else ""
         return f"{self._path}: {place}column {self.names[int(column)]!r}: {value[:40]!r}, expected a number"
 
@@ -149,12 +152,8 @@ def _floats(column: Any, kind: str) -> Array:  # noqa: ANN401 - of pyarrow
     return values if kind == "number" else values * 1e-9
 
 
-def _single_blanks(file: BinaryIO) -> io.BytesIO:
-    """Columns of blanks with one between two."""
-    return io.BytesIO(re.sub(rb"(?m)^ +| +$", b"", re.sub(rb"[ \t]+", b" ", file.read())))
-
-
 def _layout(path: Path, head: bytes) -> Layout:
+    """Finds the layout by the first bytes of a file; raises RecordingError without a row of numbers."""
     encoding, text = _decoded(head)
     lines = [line.strip("\r") for line in re.split("\r\n|\n|\r", text)]
     if len(head) == _HEAD_BYTES:
@@ -165,7 +164,8 @@ def _layout(path: Path, head: bytes) -> Layout:
     data = [(n, line) for n, line in rows if not line.lstrip().startswith(_COMMENTS)]
     delimiter, width = _delimiter([line for _, line in data[-_MOST_HEAD_ROWS:]])
     cells = {number: _split(line.lstrip("#%/ "), delimiter) for number, line in rows}
-    first = next((n for n, _ in data if len(cells[n]) == width and _is_data(cells[n])), None)
+    full = (n for n, _ in data if len(cells[n]) == width)
+    first = next((n for n in full if any(p.fullmatch(c) for c in cells[n] for p in _KINDS.values())), None)
     if first is None:
         raise RecordingError(f"{path}: no row of numbers, expected a table of time, position and force")
     names, units = _header([cells[n] for n, _ in rows if n < first], width)
@@ -188,7 +188,7 @@ def _decoded(head: bytes) -> tuple[str, str]:
 
 
 def _delimiter(lines: Sequence[str]) -> tuple[str, int]:
-    """The first that cuts most lines into equally many cells, two at least; and how many."""
+    """The first delimiter that cuts most lines into equally many cells, two at least; and how many."""
     for delimiter in (*_DELIMITERS, _BLANK):
         widths = Counter(len(_split(line, delimiter)) for line in lines)
         width = max(widths, key=widths.__getitem__, default=1)
@@ -212,12 +212,8 @@ def _kind(cells: Sequence[str]) -> str:
     )
     if kinds["comma"]:
         return "comma"
-    found = kinds.most_common(1)
-    return found[0][0] if found and found[0][0] != "text" else "number"
-
-
-def _is_data(cells: Sequence[str]) -> bool:
-    return any(pattern.fullmatch(cell) for cell in cells for pattern in _KINDS.values())
+    ranking = kinds.most_common(1)
+    return ranking[0][0] if ranking and ranking[0][0] != "text" else "number"
 
 
 def _header(above: list[list[str]], width: int) -> tuple[list[str], list[str]]:

@@ -19,7 +19,7 @@ TO_SI: dict[Quantity, dict[str, float]] = {
         "kip": 4448.2216152605, "MN": 1e6, "Nm": 1.0, "mNm": 1e-3, "Ncm": 1e-2,
     },
 }  # fmt: skip
-"""Of a rotation rad stand for m, and N m for N."""
+"""For a rotation rad stand for m, and N m for N."""
 _OTHER_WORDS: dict[Quantity, dict[str, str]] = {
     "time": {
         "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millis": "ms",
@@ -64,13 +64,12 @@ def parse_column(quantity: Quantity, text: str) -> tuple[str, str]:
 def rescaled(quantity: Quantity, unit: str, factor: float) -> str | None:
     """The unit that is `factor` times as large; None: there is none."""
     wanted = factor * TO_SI[quantity][unit]
-    return next((each for each, to_si in TO_SI[quantity].items() if isclose(to_si, wanted)), None)
+    return next((name for name, to_si in TO_SI[quantity].items() if isclose(to_si, wanted)), None)
 
 
 @dataclass(frozen=True, slots=True)
 class Mapping:
-    """Which columns hold time, position and force, each as `unit:column`, e.g. `mm:laser`; None: as their
-    names say.
+    """Columns of time, position and force, each as `unit:column`, e.g. `mm:laser`; None: as their names say.
 
     Raises:
         RecordingError: see `parse_column`.

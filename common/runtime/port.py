@@ -28,19 +28,16 @@ class Runtime(Protocol):
         ...
 
     def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
-        """A hard-paced loop on absolute deadlines in a thread of its own; returns where its lateness is
-        counted, and said that the loop has ended.
-        """
+        """Registers a hard-paced loop on absolute deadlines, in its own thread; returns its lateness."""
         ...
 
     def task(self, name: str, period_ns: int, tick: Tick) -> None:
-        """A soft-paced periodic task, on asyncio."""
+        """Registers a soft-paced periodic task, on asyncio."""
         ...
 
     def compute(self, work: Callable[[Pause], T]) -> "Future[T]":
-        """The result of `work`, which may take long: in a thread of its own, in virtual time at once.
-
-        It calls what it is given between pieces of at most some 0.1 ms.
+        """The result of `work`, which may take long: in a thread of its own, in virtual time at once. It
+        calls what it is given between pieces of at most some 0.1 ms.
         """
         ...
 
@@ -54,5 +51,5 @@ class Runtime(Protocol):
 
     @property
     def scheduling(self) -> str:
-        """What the loops got from the operating system, in plain words."""
+        """Scheduling that the loops got from the operating system, in plain words."""
         ...

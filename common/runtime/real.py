@@ -103,6 +103,8 @@ class RealRuntime:
         return tuple(loop.lateness.ticks for loop in self._loops)
 
     def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
+        """Adds a loop in its own thread; after each tick a gap opens for computations."""
+
         def ticked(now_ns: int) -> None:
             tick(now_ns)
             self._gaps.begin(now_ns + period_ns // 2)
@@ -121,7 +123,7 @@ class RealRuntime:
         self._reactions.append(reaction)
 
     def fault(self, error: BaseException) -> None:
-        """First the safety reactions, on the thread that failed; then asyncio is woken to end the daemon.
+        """Runs the safety reactions, on the thread that failed; then wakes asyncio to end the daemon.
 
         A reaction that fails in spite of its contract keeps neither the others from theirs nor the daemon
         alive; what it raised is raised then.
@@ -162,6 +164,7 @@ class RealRuntime:
             raise RunError(f"stopped by a fault: {type(self.error).__name__}: {self.error}") from self.error
 
     async def _periodic(self, period_ns: int, tick: Tick) -> None:
+        """Calls a task every period until it is cancelled, late ones skipped; an exception is a fault."""
         deadline_ns = self.clock.now_ns()
         try:
             while True:

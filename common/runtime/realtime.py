@@ -48,9 +48,7 @@ def prepare_process() -> str:
 
 
 def prepare_thread(priority: int) -> str:
-    """Asks for SCHED_FIFO and the finest timer slack for the calling thread; returns in plain words what was
-    granted.
-    """
+    """Asks for SCHED_FIFO and the finest timer slack for this thread; returns in words what was granted."""
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
     if priority == 0:
         return "normal scheduling (priority 0 configured)"
@@ -113,7 +111,7 @@ def go_before(steps: int) -> None:
 
 
 class WakeUp:
-    """How late the kernel wakes this thread: `spin_ns`, by which it is less late in 19 of 20 wake-ups.
+    """Lateness of the kernel in waking this thread: `spin_ns`, by which it is less late in 19 of 20 wake-ups.
 
     A stochastic approximation of the quantile (Robbins and Monro 1951): up by 0.95 of the step where
     a wake-up was later, else down by 0.05 of it.
@@ -168,6 +166,7 @@ class RealtimeThread:
             self._thread.join()
 
     def _run(self) -> None:
+        """Ticks with the priority that it was given, until stopped; an exception ends it as a fault."""
         try:
             self.scheduling = prepare_thread(self._priority)
             self._ahead = os.sched_getscheduler(0) == os.SCHED_FIFO
@@ -195,9 +194,9 @@ class RealtimeThread:
             deadline_ns += (1 + skipped) * period_ns
 
     def _wait(self, deadline_ns: int) -> None:
-        """To the deadline, the last moment of it as the one thread of the process that runs; not so after a
-        tick that took that long or was late, or nobody else would ever run, and not under normal scheduling,
-        where it is processors that are waited for.
+        """Sleeps to the deadline, the last moment of it as the one thread of the process that runs; not so
+        after a tick that took that long or was late, or nobody else would ever run, and not under normal
+        scheduling, where it is processors that are waited for.
         """
         if not self._ahead or self._clock.now_ns() > deadline_ns - _LEAD_NS:
             self._clock.sleep_until_ns(deadline_ns)
@@ -216,7 +215,7 @@ class RealtimeThread:
             pass
 
     def _at_hand(self, deadline_ns: int, now_ns: int) -> int:
-        """The deadline, which is never further ahead than a period by a clock that goes on; else now."""
+        """The deadline; now, and a fault, where it is more than two periods ahead: the clock went back."""
         ahead_ns = deadline_ns - now_ns
         if ahead_ns <= 2 * self._period_ns:
             return deadline_ns

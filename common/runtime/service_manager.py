@@ -1,4 +1,4 @@
-"""What a daemon tells systemd, as sd_notify(3) has it: ready, its status, that it lives, that it ends.
+"""Messages of a daemon to systemd by sd_notify(3): ready, its status, that it lives, that it ends.
 
 Our own: the protocol is one datagram; the package of that name on PyPI has had no release since 2017, and
 systemd's binding needs a compiler on each host.
@@ -49,35 +49,36 @@ class ServiceWatchdog:
         self._manager = manager
         self._ticks = ticks
         self._status = status
-        self._said = ""
+        self._sent_status = ""
         self._alive_at: tuple[int, ...] | None = None
         self._due_ns = 0
         self.ready = False
 
     @property
     def period_ns(self) -> int:
-        """How often `look` is to be called."""
+        """Time in ns between two calls of `look`."""
         watchdog_ns = self._manager.watchdog_ns
         return _LOOK_NS if watchdog_ns is None else max(1_000_000, min(_LOOK_NS, watchdog_ns // 4))
 
     def look(self, now_ns: int) -> None:
-        """Says what is due: readiness once all loops run, a status that changed, a sign of life."""
+        """Sends what is due: readiness once all loops run, a status that changed, a sign of life."""
         ticks = self._ticks()
         if not self.ready and all(ticks):
             self.ready = True
             self._manager.tell("READY=1")
         status = self._status(now_ns)
-        if status != self._said:
-            self._said = status
+        if status != self._sent_status:
+            self._sent_status = status
             self._manager.tell(f"STATUS={_line(status)}")
         if self.ready and now_ns >= self._due_ns:
             self._live(ticks, now_ns)
 
     def stopping(self, reason: str = "stopping") -> None:
-        """The daemon ends in order; `reason`: why."""
+        """Sends that the daemon ends in order; `reason`: why."""
         self._manager.tell(f"STOPPING=1\nSTATUS={_line(reason)}")
 
     def _live(self, ticks: tuple[int, ...], now_ns: int) -> None:
+        """Sends a sign of life if every loop has ticked since the last one."""
         watchdog_ns = self._manager.watchdog_ns
         before = self._alive_at or (0,) * len(ticks)
         if watchdog_ns is None or not all(now > then for now, then in zip(ticks, before, strict=True)):

@@ -49,13 +49,13 @@ class Gaps:
         self._begun: SimpleQueue[None] = SimpleQueue()
 
     def begin(self, until_ns: int) -> None:
-        """From the loop, after a tick; does not block."""
+        """Opens a gap until that stamp; from the loop, after a tick. Does not block."""
         self._until_ns = until_ns
         if self._begun.empty():
             self._begun.put(None)
 
     def wait(self) -> bool:
-        """Until a gap, or for `longest_s`: then False."""
+        """Waits for a gap, `longest_s` at most; False without one."""
         if self._clock.now_ns() <= self._until_ns:
             return True
         with suppress(Empty):
@@ -68,10 +68,7 @@ class Gaps:
 
 
 class Worker:
-    """Calls `work` in a thread of its own whenever it is woken, and after the seconds that it returned.
-
-    `work` is called with True for the last time, by `close`.
-    """
+    """Calls `work` in its own thread when woken, or after the seconds it returned; with True at `close`."""
 
     def __init__(self, name: str, work: Callable[[bool], float | None]) -> None:
         self._work = work

@@ -50,11 +50,11 @@ class VirtualRuntime:
         return future
 
     def fault(self, error: BaseException) -> None:
-        """In virtual time a fault ends the run at once, with its own traceback."""
+        """Raises the error: in virtual time a fault ends the run at once, with its own traceback."""
         raise error
 
     def on_fault(self, reaction: Callable[[BaseException], None]) -> None:
-        """Faults propagate out of `run`; nobody is left to react."""
+        """Does nothing: faults propagate out of `run`; nobody is left to react."""
 
     def run(self, duration_ns: int, progress: Callable[[int], bool] | None = None) -> None:
         """Advances by `duration_ns`. `progress` is called every 100 ms of it; False ends the run."""

@@ -60,6 +60,7 @@ class EventLog:
         self.worker.wake()
 
     def write(self) -> None:
+        """Appends the queued lines, before them one on lost lines; counts those that can not be written."""
         lines, lost = self._waiting.drain(), self.lost
         if not lines:
             return
@@ -67,7 +68,7 @@ class EventLog:
         losses = [lines[0]._replace(event="lines_lost", axis="", details=missing)] if missing["count"] else []
         try:
             self._append(
-                b"".join(json.dumps(each._asdict(), default=str).encode() + b"\n" for each in losses + lines)
+                b"".join(json.dumps(line._asdict(), default=str).encode() + b"\n" for line in losses + lines)
             )
             self._reported = lost
         except OSError:
@@ -82,6 +83,7 @@ class EventLog:
         self.write()
 
     def _append(self, data: bytes) -> None:
+        """Appends to the disk, to a new file beyond 16 MB; takes a part back where it fails."""
         if self._size > _LARGEST_BYTES:
             self._rotate()
         try:
@@ -130,7 +132,7 @@ class StateEventSink(EventSink):
             raise ConfigurationError(
                 f"{folder.path}: {error.strerror}; expected a state folder that can be written"
             ) from error
-        self.latched = self._latch.found
+        self.latched = self._latch.restored
         self._flight = FlightWriter(folder.path / FLIGHT, keep, self.rings, clock, self.note, worker)
 
     def start(self, facts: Mapping[str, str]) -> None:
@@ -153,8 +155,8 @@ class StateEventSink(EventSink):
             self._latch.transition(axis, details)
         self._log.note(event, now_ns, axis, details)
 
-    def kept(self, axis: str) -> bool:
-        return self._latch.kept(axis)
+    def is_persisted(self, axis: str) -> bool:
+        return self._latch.is_persisted(axis)
 
     def flight(self, axis: str, event: str, reason: str, now_ns: int) -> None:
         self._flight.ask(axis, event, reason, now_ns)

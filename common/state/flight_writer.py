@@ -74,7 +74,7 @@ class FlightWriter:
         self.worker.close()
 
     def write(self, closing: bool) -> float | None:
-        """Writes the requested records, each half a second after its event, or at once; s until the next."""
+        """Writes the requested records, half a second after each event or when closing; s to the next."""
         while self._requests:
             request = self._requests[0]
             left_ns = request.stamp_ns + AFTER_NS - self._clock.now_ns()
@@ -85,6 +85,7 @@ class FlightWriter:
         return None
 
     def _record(self, request: _Request) -> None:
+        """Writes one record, logs it, or that it failed, and removes the oldest beyond `keep`."""
         name = f"{request.utc.replace(':', '').replace('-', '')}-{request.axis}-{request.event}.mcap"
         part = self._folder / f".{name}.part"
         first_ns, last_ns = request.stamp_ns - BEFORE_NS, request.stamp_ns + AFTER_NS
@@ -99,11 +100,14 @@ class FlightWriter:
             self._note("flight_failed", self._clock.now_ns(), request.axis, file=name, what=str(error)[:200])
             return
         self._note("flight_record", self._clock.now_ns(), request.axis, **details)
-        self._prune()
+        for old in sorted(self._folder.glob("*.mcap"))[: -self._keep]:
+            with suppress(OSError):
+                old.unlink()
 
     def _write(
         self, part: Path, request: _Request, rings: list[tuple[FlightRing, list[Row]]]
     ) -> dict[str, Detail]:
+        """Writes rows and metadata; returns the numbers of written and of malformed messages."""
         with RunWriter(part, mode=0o600) as writer:
             asked = {name: str(value) for name, value in request._asdict().items()}
             writer.add_metadata("flight", {**self.facts, **asked})
@@ -111,12 +115,8 @@ class FlightWriter:
                 self._write_ring(writer, ring, rows)
             return {"messages": writer.written, "malformed": writer.malformed}
 
-    def _prune(self) -> None:
-        for old in sorted(self._folder.glob("*.mcap"))[: -self._keep]:
-            with suppress(OSError):
-                old.unlink()
-
     def _write_ring(self, writer: RunWriter, ring: FlightRing, rows: list[Row]) -> None:
+        """Writes the rows of a ring with pauses; counts cycles that are no message as malformed."""
         for number, row in enumerate(rows):
             if number % _BLOCK_ROWS == _BLOCK_ROWS - 1:
                 self.worker.pause(_PAUSE_S)

@@ -35,9 +35,8 @@ def unnamed_path(cell: str, role: str, environment: Mapping[str, str]) -> Path:
 
 
 def holder(path: Path, locks: Path = Path("/proc/locks")) -> int | None:
-    """The process of the daemon that uses the folder now; None where none does, or nobody may see it.
-
-    By the kernel's own list: to try the lock would keep a daemon out that starts meanwhile.
+    """The process of the daemon that uses the folder now; None where none does, or nobody may see it. By the
+    kernel's own list: to try the lock would keep a daemon out that starts meanwhile.
     """
     try:
         number = (path / _LOCK).stat().st_ino
@@ -48,7 +47,7 @@ def holder(path: Path, locks: Path = Path("/proc/locks")) -> int | None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Which names there are in it, on the disk when it returns.
+    """Puts the names in a folder on the disk.
 
     Raises:
         OSError: it can not be.
@@ -88,9 +87,9 @@ def _require_own(folder: Path) -> None:
         )
     for name in _OWN:
         with suppress(FileNotFoundError):
-            found = (folder / name).lstat()
-            if stat.S_ISLNK(found.st_mode) or found.st_uid != user:
-                what = "a link" if stat.S_ISLNK(found.st_mode) else f"of user {found.st_uid}"
+            entry = (folder / name).lstat()
+            if stat.S_ISLNK(entry.st_mode) or entry.st_uid != user:
+                what = "a link" if stat.S_ISLNK(entry.st_mode) else f"of user {entry.st_uid}"
                 raise ConfigurationError(
                     f"state folder {folder}: {name} is {what}; expected the daemon's own file, or none"
                 )
@@ -125,6 +124,7 @@ class StateFolder:
             raise
 
     def _take(self) -> None:
+        """Locks the folder for this process, whose number the lock file then holds."""
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

@@ -12,7 +12,7 @@ from forefeel.common.runtime.threads import Worker
 from forefeel.common.state.folder import own_file, sync_folder
 
 _BYTES = 16 * 1024
-"""Of the file, whatever it says. 60 axes with a reason of 256 characters each."""
+"""Size of the file, whatever it says: 60 axes with a reason of 256 characters each."""
 _RETRY_S = 1.0  # between two attempts to write to a full disk
 _MOVING = FOLLOWING | {SafetyState.STOPPING}
 _ALL = ""
@@ -20,14 +20,14 @@ _ALL = ""
 
 
 class Latch:
-    """Which axes are stopped, in a file that has its full size from the start and is overwritten in place.
+    """File of the stopped axes, which has its full size from the start and is overwritten in place.
 
     So a disk that is full later does not keep a stop out of it. Half of a new content behind half of the old
     one is no JSON, and what can not be read stops every axis. Any thread says what is to be kept; the worker
     `latch` writes it.
 
     Attributes:
-        found: by axis what was latched when it was opened; under the empty name what stops every axis.
+        restored: by axis what was latched when it was opened; under the empty name what stops every axis.
         problem: why the file does not say what it should, if it does not.
 
     Raises:
@@ -47,12 +47,12 @@ class Latch:
         """
         self.problem: str | None = None
         self._on_problem = on_problem
-        found = latched(path) if new or path.exists() else {_ALL: "the file of what was latched is gone"}
-        unknown = sorted(set(found) - {_ALL, *axes})
+        restored = latched(path) if new or path.exists() else {_ALL: "the file of what was latched is gone"}
+        unknown = sorted(set(restored) - {_ALL, *axes})
         if unknown:
-            found = {_ALL: f"axis {unknown[0]!r} was latched, which is none of {', '.join(axes)}"}
-        self.found: Mapping[str, str] = found
-        self._wanted = found
+            restored = {_ALL: f"axis {unknown[0]!r} was latched, which is none of {', '.join(axes)}"}
+        self.restored: Mapping[str, str] = restored
+        self._wanted = restored
         self._written: Mapping[str, str] | None = None
         self._wanting = threading.Lock()
         self.worker = worker("latch", self._work)
@@ -72,8 +72,8 @@ class Latch:
             self._descriptor = -1
 
     def transition(self, axis: str, details: Mapping[str, Detail]) -> None:
-        """What a transition of the safety state machine means: a stop is kept until it is cleared, and so is
-        a fault that struck while the stage was moved. Any thread; waits for no disk.
+        """Takes a transition of the safety state machine: a stop is kept until it is cleared, and so is a
+        fault that struck while the stage was moved. Any thread; waits for no disk.
         """
         before, after = SafetyState(str(details["before"])), SafetyState(str(details["after"]))
         if after is SafetyState.ESTOPPED or (after is SafetyState.FAULT and before in _MOVING):
@@ -81,8 +81,8 @@ class Latch:
         elif before in HALTED and after not in HALTED:
             self._want(axis, None)
 
-    def kept(self, axis: str) -> bool:
-        """Whether the file says of the axis what it should, so that a new start does."""
+    def is_persisted(self, axis: str) -> bool:
+        """True when the file says of the axis what it should, so that a new start does."""
         written = self._written
         return written is not None and written.get(axis) == self._wanted.get(axis)
 
@@ -119,14 +119,14 @@ class Latch:
 
 
 def latched(path: Path) -> dict[str, str]:
-    """Why each axis is stopped, by the file of a daemon; empty where there is no file. One that can not be
+    """Reasons of the stopped axes, by the file of a daemon; empty where there is no file. One that can not be
     read, or that no daemon wrote so, stops every axis.
     """
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        if list(found) != ["latched"]:
+        document = json.loads(path.read_text(encoding="utf-8"))
+        if list(document) != ["latched"]:
             raise ValueError
-        return {str(axis): str(reason) for axis, reason in found["latched"].items()}
+        return {str(axis): str(reason) for axis, reason in document["latched"].items()}
     except FileNotFoundError:
         return {}
     except (OSError, ValueError, TypeError, AttributeError):
@@ -134,7 +134,7 @@ def latched(path: Path) -> dict[str, str]:
 
 
 def _put(descriptor: int, latched: Mapping[str, str]) -> None:
-    """The whole file anew, on the disk when it returns."""
+    """Overwrites the whole file, on the disk when it returns; what is too long for it stops every axis."""
     data = json.dumps({"latched": latched}).encode()
     if len(data) >= _BYTES:
         data = json.dumps({"latched": {_ALL: "more was latched than the file holds"}}).encode()

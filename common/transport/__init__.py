@@ -1,1 +1,1 @@
-"""How payloads get from one daemon to the other: Zenoh, memory, and what may be injected between."""
+"""Transports of payloads from one daemon to the other: Zenoh, memory, and what may be injected between."""

@@ -1,4 +1,4 @@
-"""What may be open to a network: endpoints with certificates, or a loud and limited consent."""
+"""Exposure of endpoints to a network: with certificates, or by a loud and limited consent."""
 
 import ipaddress
 from collections.abc import Sequence
@@ -7,14 +7,14 @@ from forefeel.common.errors import EndpointError
 
 _SECURED = ("tls", "quic")
 _OURS = frozenset({"iface", "bind", "dscp", "so_sndbuf", "so_rcvbuf"})
-"""What may follow `#` in an endpoint; the rest of what Zenoh reads there can undo the configured security."""
+"""Options that may follow `#` in an endpoint; the rest that Zenoh reads there can undo its security."""
 _FOLDER = "transport.pki (--pki), a copy of DIR/CELL/ROLE of `forefeel pki init DIR --cell CELL`"
 
 
 def check_exposure(
     listen: Sequence[str], connect: Sequence[str], *, secured: bool, insecure: bool, real_stage: bool
 ) -> str:
-    """The line to say loudly when the traffic can be read and forged, or empty.
+    """Warning, to be said loudly, when the traffic can be read and forged; else empty.
 
     Args:
         listen: endpoints, well-formed.
@@ -51,6 +51,7 @@ def check_exposure(
 
 
 def _refuse_plain_beside_secured(listen: Sequence[str], connect: Sequence[str], secured: bool) -> None:
+    """Raises EndpointError for a plain endpoint beside certificates, or an option that undoes them."""
     plain = [endpoint for endpoint in listen if not _is_secured(endpoint)]
     if plain and (secured or len(plain) < len(listen)):
         raise EndpointError(
@@ -61,7 +62,7 @@ def _refuse_plain_beside_secured(listen: Sequence[str], connect: Sequence[str], 
             raise EndpointError(
                 f"endpoint {endpoint!r}: plain, with certificates; expected tls/ or quic/ only"
             )
-        options = [each.partition("=")[0] for each in endpoint.partition("#")[2].split(";") if each]
+        options = [option.partition("=")[0] for option in endpoint.partition("#")[2].split(";") if option]
         if unknown := [option for option in options if option not in _OURS]:
             raise EndpointError(
                 f"endpoint {endpoint!r}: {unknown[0]!r} after #; expected one of {', '.join(sorted(_OURS))}, "
@@ -70,10 +71,10 @@ def _refuse_plain_beside_secured(listen: Sequence[str], connect: Sequence[str], 
 
 
 def on_loopback(endpoint: str) -> bool:
-    """Whether only this host can reach the endpoint.
+    """True if only this host can reach the endpoint.
 
-    True for an address of the loopback network and for `localhost`. Any other name is taken as outside, for
-    who answers for it may change.
+    That is an address of the loopback network, or `localhost`. Any other name is taken as outside, for who
+    answers for it may change.
     """
     host = endpoint.partition("/")[2].partition("?")[0].partition("#")[0].rpartition(":")[0].strip("[]")
     try:

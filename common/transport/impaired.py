@@ -28,7 +28,7 @@ _CHUNK_MESSAGES = 1024  # messages in one `ImpairmentTrace`, which holds no more
 
 
 class TraceChunk(NamedTuple):
-    """What became of consecutive messages of one link, from index `first_index` on: their delays in ns."""
+    """Delays in ns of consecutive messages of one link, from index `first_index` on; none: lost."""
 
     link: str
     first_index: int
@@ -36,7 +36,7 @@ class TraceChunk(NamedTuple):
 
 
 def crosses(key: str) -> bool:
-    """Whether the other end consumes this key; what is published for the recorder only is not impaired."""
+    """True if the other end consumes this key; what is published for the recorder only is not impaired."""
     return parse_key(key) is None or crossing(key) is not None
 
 
@@ -66,6 +66,7 @@ class ImpairedTransport:
         self._outbound = None if outbound is None else _Lane("outbound", outbound, timers, clock)
 
     def publisher(self, key: str, qos: Qos) -> Put:
+        """A publisher whose payloads the outbound link loses, delays or doubles."""
         put = self._inner.publisher(key, qos)
         lane = self._outbound
         if lane is None or not crosses(key):
@@ -84,6 +85,7 @@ class ImpairedTransport:
         self._inner.subscribe(key, lambda payload, _: lane.carry(partial(receive, payload)))
 
     def polled(self, key: str, handler: Handler, most: int = MOST_POLLED) -> Poll:
+        """Hands payloads over at the poll next to their stamp as the inbound link delays them."""
         lane = self._inbound
         if lane is None or not crosses(key):
             return self._inner.polled(key, handler, most)
@@ -118,10 +120,7 @@ class ImpairedTransport:
         self._inner.close()
 
     def drain_trace(self) -> list[TraceChunk]:
-        """What the links did since the last call, in chunks that fit into a message each.
-        Gaps in the
-               indices are what nobody drained in time.
-        """
+        """Trace of the links since the last call; gaps in its indices are what nobody drained in time."""
         return [chunk for lane in self._lanes() for chunk in lane.drain()]
 
     def _lanes(self) -> list["_Lane"]:
@@ -157,11 +156,12 @@ class _Lane:
                 self._call_at(now_ns + delay_ns, deliver)
 
     def delays_ns(self, now_ns: int) -> tuple[int, ...]:
-        """What the link plans for a payload that came at `now_ns`; nothing once the lane is closed."""
+        """Delays that the link plans for a payload that came at `now_ns`; none once the lane is closed."""
         with self._lock:
             return self._planned_ns(now_ns)
 
     def _planned_ns(self, now_ns: int) -> tuple[int, ...]:
+        """Plans and traces the delays of a payload; none once the lane is closed."""
         if self.closed:
             return ()
         delays_ns = self._link.plan(now_ns)
@@ -170,6 +170,7 @@ class _Lane:
         return delays_ns
 
     def drain(self) -> list[TraceChunk]:
+        """Removes the trace, in chunks that fit into a message each."""
         with self._lock:
             first, entries = self._messages - len(self._trace), tuple(self._trace)
             self._trace.clear()

@@ -1,4 +1,4 @@
-"""What a network does to messages, as a pure function of their arrival times and a seed.
+"""Effect of a network on messages, as a pure function of their arrival times and a seed.
 
 A link takes each message through: stall (it waits for its end), loss, delay with correlated jitter, order
 (it never comes before its predecessor, but may be held back on purpose), duplication.
@@ -50,6 +50,7 @@ class Impairment:
         self._stall: tuple[int, int] | None = None
 
     def plan(self, now_ns: int) -> tuple[int, ...]:
+        """Draws stall, loss, delay, order and duplication of a message, in turn; see `ImpairedLink`."""
         settings, draw = self._settings, self._random.random
         entry_ns = self._after_stall(now_ns) if settings.stalls_per_s else now_ns
         if self._enter_burst:

@@ -31,10 +31,6 @@ class MemoryBus:
     def _others(self, session: "MemoryTransport") -> list["MemoryTransport"]:
         return [other for other in self._sessions if other is not session]
 
-    def _leave(self, session: "MemoryTransport") -> None:
-        self._sessions.remove(session)
-        self._resolve()
-
     def _resolve(self) -> None:
         """Works out anew who hears whom, so that `put` has nothing to look up."""
         for session in self._sessions:
@@ -86,6 +82,7 @@ class MemoryTransport:
         return 0 if self._closed else len(self._bus._others(self))
 
     def close(self) -> None:
+        """Ends all delivery to and from the session; idempotent."""
         if self._closed:
             return
         self._closed = True
@@ -93,7 +90,8 @@ class MemoryTransport:
             subscription.deliver = _ignore
         for publication in self.publications:
             publication.targets = ()
-        self._bus._leave(self)
+        self._bus._sessions.remove(self)
+        self._bus._resolve()
 
     def _add(self, subscription: "_Subscription") -> None:
         self.subscriptions.append(subscription)
@@ -101,7 +99,7 @@ class MemoryTransport:
 
 
 class _Subscription:
-    """Who listens to `key`, and with a prefix to all that starts with it."""
+    """Listener to `key`, and with a prefix to all that starts with it."""
 
     def __init__(self, key: str, prefix: str | None, deliver: Callable[[str, bytes], None]) -> None:
         self._key, self._prefix = key, prefix
@@ -124,4 +122,4 @@ class _Publication:
 
 
 def _ignore(_key: str, _payload: bytes) -> None:
-    """What a closed session does with a payload that is on its way."""
+    """Drops a payload that is on its way to a closed session."""

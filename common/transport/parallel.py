@@ -27,7 +27,7 @@ from forefeel.common.transport.settings import MOST_CONNECTIONS, TransportSettin
 from forefeel.common.transport.zenoh_bus import Publication, ZenohTransport
 
 _LOOK_S = 0.1
-"""How often is looked which connections have a subscriber: one that is gone loses its share for so long."""
+"""Interval of the search for subscribers: a connection that has lost its own loses its share for so long."""
 
 
 class ParallelTransport:
@@ -66,7 +66,7 @@ class ParallelTransport:
         insecure: bool = False,
         real_stage: bool = False,
     ) -> Self:
-        """All of the sessions, or none. See `ZenohTransport.open`, also for what is raised."""
+        """Opens all of the sessions, or none. See `ZenohTransport.open`, also for what is raised."""
         count = settings.parallel_connections
         only_connects = settings.model_copy(update={"listen": ()})
         wanted = [settings] if count == 1 else [only_connects] * count
@@ -80,7 +80,7 @@ class ParallelTransport:
         return cls(sessions[:count], sessions[count] if len(sessions) > count else None)
 
     def publisher(self, key: str, qos: Qos) -> Put:
-        """What takes turns goes over the next connection that is heard, anything else over the first."""
+        """Puts what takes turns over the next connection that has a subscriber, all else over the first."""
         topic = crossing(key)
         if topic is None or not topic.takes_turns:
             return _all_of([session.publisher(key, qos) for session in self._plain])
@@ -94,44 +94,45 @@ class ParallelTransport:
             ]
         )
         first = publications[0].put
-        listening = [each.publisher(key, qos) for each in self._listening]
+        listening = [session.publisher(key, qos) for session in self._listening]
         self._turns += [plain, single]
 
         def put(payload: bytes) -> None:
-            told, told_plain = single.put(payload), plain.put(payload)
-            if not (told or told_plain):
+            sent, sent_plain = single.put(payload), plain.put(payload)
+            if not (sent or sent_plain):
                 first(payload)  # somebody may have come since the last look
-            for each in listening:
-                each(payload)
+            for listener in listening:
+                listener(payload)
 
         return put
 
     def subscribe(self, key: str, handler: Handler) -> None:
+        """Subscribes on every connection that carries the key; one call of the handler at a time."""
         serial = threading.Lock()
 
         def deliver(payload: bytes, receive_ns: int) -> None:
             with serial:
                 handler(payload, receive_ns)
 
-        for session, heard in self._heard(key):
-            session.subscribe(heard, deliver)
+        for session, name in self._receivers(key):
+            session.subscribe(name, deliver)
 
     def polled(self, key: str, handler: Handler, most: int = MOST_POLLED) -> Poll:
-        """Of each connection its share of `most`, and one at least."""
-        heard = tuple(self._heard(key))
-        share = max(1, most // len(heard))
-        polls = [session.polled(name, handler, share) for session, name in heard]
+        """Polls each connection for its share of `most`, and one at least."""
+        receivers = tuple(self._receivers(key))
+        share = max(1, most // len(receivers))
+        polls = [session.polled(name, handler, share) for session, name in receivers]
         if len(polls) == 1:
             return polls[0]
 
         def poll() -> None:
-            for each in polls:
-                each()
+            for take in polls:
+                take()
 
         return poll
 
-    def _heard(self, key: str) -> Iterator[tuple[ZenohTransport, str]]:
-        """The sessions that subscribe to a key, and how it is called there."""
+    def _receivers(self, key: str) -> Iterator[tuple[ZenohTransport, str]]:
+        """Yields the sessions that subscribe to a key, and how it is called there."""
         topic = crossing(key)
         plain: tuple[ZenohTransport, ...] = self._plain
         if topic is not None and topic.takes_turns and len(self._connecting) > 1:
@@ -153,16 +154,16 @@ class ParallelTransport:
             session.subscribe_all(prefix, deliver)
 
     def peers(self) -> int:
-        """How many other sessions are connected now, to the connection that has most of them."""
+        """Number of other sessions connected now, on the connection that has most of them."""
         return max(session.peers() for session in self._sessions)
 
     @property
     def hint(self) -> str:
-        """What may stand in the way, or empty."""
+        """Text on what may stand in the way, or empty."""
         return self._connecting[0].hint
 
     def close(self) -> None:
-        """All of them; the first last, whose events are the latest."""
+        """Closes all of them; the first last, whose events are the latest."""
         self._closing.set()
         self._thread.join()
         for session in reversed(self._sessions):
@@ -175,32 +176,33 @@ class ParallelTransport:
 
 
 class _Turns:
-    """Sends each message over the next of several publications that is heard."""
+    """Sends each message over the next of several publications that has a subscriber."""
 
     def __init__(self, publications: Sequence[Publication]) -> None:
         self._publications = publications
         self._next = 0
-        self._heard: tuple[Put, ...] = ()
+        self._subscribed: tuple[Put, ...] = ()
 
     def look(self) -> None:
-        self._heard = tuple(each.put for each in self._publications if each.heard())
+        self._subscribed = tuple(p.put for p in self._publications if p.has_subscriber())
 
     def put(self, payload: bytes) -> bool:
-        """Sends by the next one; False where none is heard."""
-        heard = self._heard
-        if heard:
+        """Sends by the next one; False where none has a subscriber."""
+        subscribed = self._subscribed
+        if subscribed:
             self._next += 1
-            heard[self._next % len(heard)](payload)
-        return bool(heard)
+            subscribed[self._next % len(subscribed)](payload)
+        return bool(subscribed)
 
 
 def _all_of(puts: Sequence[Put]) -> Put:
+    """One `Put` that calls all of them."""
     if len(puts) == 1:
         return puts[0]
 
     def put(payload: bytes) -> None:
-        for each in puts:
-            each(payload)
+        for one in puts:
+            one(payload)
 
     return put
 
@@ -208,12 +210,12 @@ def _all_of(puts: Sequence[Put]) -> Put:
 def _all_or_none(
     wanted: Sequence[TransportSettings], opened: Callable[[TransportSettings], ZenohTransport]
 ) -> list[ZenohTransport]:
-    """Opens them at the same time, for each may wait some round trips for a router."""
-    with ExitStack() as kept:
+    """Opens all at once, for each may wait for a router; closes them again where one fails."""
+    with ExitStack() as opened_sessions:
         opening = [in_thread(partial(opened, one), "zenoh open") for one in wanted]
-        for each in opening:
-            if each.exception() is None:
-                kept.callback(each.result().close)
-        sessions = [each.result() for each in opening]
-        kept.pop_all()
+        for future in opening:
+            if future.exception() is None:
+                opened_sessions.callback(future.result().close)
+        sessions = [future.result() for future in opening]
+        opened_sessions.pop_all()
     return sessions

@@ -44,8 +44,8 @@ def read_identity(folder: Path, party: Party, now: datetime) -> Certified:
         raise _wrong(key_file, f"does not belong to {party.role}.crt", "both of one forefeel pki init")
     if not _issued(certificate, authority):
         raise _wrong(Path(files.certificate), "not signed by ca.crt", "both of one forefeel pki init")
-    for path, each in ((files.authority, authority), (files.certificate, certificate)):
-        check_period(Path(path), each, now)
+    check_period(Path(files.authority), authority, now)
+    check_period(Path(files.certificate), certificate, now)
     return Certified(files, min(authority.not_valid_after_utc, certificate.not_valid_after_utc))
 
 
@@ -75,20 +75,21 @@ def check_period(path: Path, certificate: "x509.Certificate", now: datetime) -> 
 
 
 def renewal(path: Path) -> str:
-    """What replaces a certificate that has expired, or ends soon."""
+    """Text on what replaces a certificate that has expired, or ends soon."""
     if path.name == AUTHORITY:
         return "a new authority: `forefeel pki init` with a new DIR, its folders copied to every host"
     return "a new one: `forefeel pki init DIR` where ca.key is kept, then copy it"
 
 
 def _check_name(path: Path, certificate: "x509.Certificate", party: Party) -> None:
-    names = [str(each.value) for each in certificate.subject if each.oid.dotted_string == "2.5.4.3"]
+    names = [str(part.value) for part in certificate.subject if part.oid.dotted_string == "2.5.4.3"]
     if names != [party.name]:
-        found = ", ".join(names) or "no name"
-        raise _wrong(path, f"made for {found}", f"{party.name}, the {party.role}'s of this cell")
+        actual = ", ".join(names) or "no name"
+        raise _wrong(path, f"made for {actual}", f"{party.name}, the {party.role}'s of this cell")
 
 
 def _issued(certificate: "x509.Certificate", authority: "x509.Certificate") -> bool:
+    """True if the authority signed the certificate."""
     from cryptography.exceptions import InvalidSignature  # noqa: PLC0415
 
     try:
@@ -99,6 +100,7 @@ def _issued(certificate: "x509.Certificate", authority: "x509.Certificate") -> b
 
 
 def _read_key(path: Path) -> "PrivateKeyTypes":
+    """The private key in a file; raises ConfigurationError where it is none, or others may use it."""
     from cryptography.hazmat.primitives.serialization import load_pem_private_key  # noqa: PLC0415
 
     data = _read(path)
@@ -119,5 +121,5 @@ def _read(path: Path) -> bytes:
         raise _wrong(path, error.strerror or "unreadable", _MADE) from error
 
 
-def _wrong(path: Path, found: str, expected: str) -> ConfigurationError:
-    return ConfigurationError(f"{path}: {found}; expected {expected}")
+def _wrong(path: Path, problem: str, expected: str) -> ConfigurationError:
+    return ConfigurationError(f"{path}: {problem}; expected {expected}")

@@ -58,7 +58,7 @@ class Transport(Protocol):
         ...
 
     def peers(self) -> int:
-        """How many other sessions are connected now; 0 while the other end is waited for."""
+        """Number of other sessions connected now; 0 while the other end is waited for."""
         ...
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Who may say and hear what, as Zenoh configuration: mutual TLS, and access control by certificate name.
+"""Rights to put and to receive, as Zenoh configuration: mutual TLS, and access control by certificate name.
 
 Pure: what it is built from is the topic table. Every end enforces it against whom it is connected to, so that
 two daemons need no router between them, and a router enforces it for each of its cells.
@@ -6,6 +6,7 @@ two daemons need no router between them, and a router enforces it for each of it
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import PurePath
 from typing import Literal, get_args
 
@@ -22,7 +23,7 @@ _ROUTER = "forefeel-router"
 
 @dataclass(frozen=True, slots=True)
 class Party:
-    """Who a session is: its role, and its cell; those that a router serves."""
+    """Identity of a session: its role, and its cell; those that a router serves."""
 
     role: PartyRole
     cells: tuple[str, ...]
@@ -47,12 +48,12 @@ def common_name(role: PartyRole, cell: str) -> str:
 
 
 def publishes(role: PartyRole, topic: Topic[Message]) -> bool:
-    """Whether the role may put that topic. Anyone but a recorder may stop."""
+    """True if the role may put that topic. Anyone but a recorder may stop."""
     return topic.publisher == role or (topic.publisher == "any" and role in _STOPS)
 
 
 def hears(role: PartyRole, topic: Topic[Message]) -> bool:
-    """Whether the role gets that topic: observers all, the ends what comes from the other one."""
+    """True if the role gets that topic: observers all, the ends what comes from the other one."""
     if role in {"recorder", "viewer"}:
         return True
     return role in {"slave", "master"} and topic.crosses and topic.publisher != role
@@ -89,8 +90,10 @@ def access_control(party: Party) -> dict[str, object]:
     """Zenoh's access control for a session of that party: what is not named here is refused."""
     rules: list[dict[str, object]] = []
     subjects, policies = [], []
-    for remote, cell in _remotes(party):
-        allowed = _router_rules(remote, cell) if party.role == "router" else _rules(party.role, remote, cell)
+    routes = party.role == "router"
+    remotes = CELL_ROLES if routes else [role for role in ROLES if role != party.role]
+    for cell, remote in product(party.cells if routes else (party.cells[0],), remotes):
+        allowed = _router_rules(remote, cell) if routes else _rules(party.role, remote, cell)
         if not allowed:
             continue
         name = common_name(remote, cell)
@@ -120,44 +123,38 @@ _Allowed = Mapping[tuple[str, str], Sequence[str]]
 """By (flow, message): the key expressions."""
 
 
-def _remotes(party: Party) -> Iterable[tuple[PartyRole, str]]:
-    if party.role == "router":
-        return [(role, cell) for cell in party.cells for role in CELL_ROLES]
-    return [(role, party.cells[0]) for role in ROLES if role != party.role]
-
-
-def _rules(own: PartyRole, remote: PartyRole, cell: str) -> _Allowed:
-    """Between two ends, or an end and its router: what the remote may say that we hear, and the reverse."""
+def _rules(role: PartyRole, remote: PartyRole, cell: str) -> _Allowed:
+    """Rules between two ends, or an end and its router: what the remote may put to us, and the reverse."""
     through = remote == "router"
-    heard = [topic for topic in PUBLISHED if hears(own, topic) and (through or publishes(remote, topic))]
-    told = [topic for topic in PUBLISHED if publishes(own, topic) and (through or hears(remote, topic))]
+    inbound = [topic for topic in PUBLISHED if hears(role, topic) and (through or publishes(remote, topic))]
+    outbound = [topic for topic in PUBLISHED if publishes(role, topic) and (through or hears(remote, topic))]
     asked = _every(cell) if through else _subscriptions(remote, cell)
-    ends = through or {own, remote} == {"slave", "master"}
+    ends = through or {role, remote} == {"slave", "master"}
     return _flows(
-        ingress_put=_keys(heard, cell, ends),
-        egress_put=_keys(told, cell, ends),
-        ingress_declare_subscriber=asked if told else [],
-        egress_declare_subscriber=_subscriptions(own, cell) if heard else [],
+        ingress_put=_keys(inbound, cell, ends),
+        egress_put=_keys(outbound, cell, ends),
+        ingress_declare_subscriber=asked if outbound else [],
+        egress_declare_subscriber=_subscriptions(role, cell) if inbound else [],
     )
 
 
 def _router_rules(remote: PartyRole, cell: str) -> _Allowed:
-    """What a router takes from and gives to one party of a cell."""
-    told = [topic for topic in PUBLISHED if publishes(remote, topic)]
-    heard = [topic for topic in PUBLISHED if hears(remote, topic)]
+    """Rules of a router for one party of a cell: what it takes from it and gives to it."""
+    inbound = [topic for topic in PUBLISHED if publishes(remote, topic)]
+    outbound = [topic for topic in PUBLISHED if hears(remote, topic)]
     end = remote in {"slave", "master"}
     return _flows(
-        ingress_put=_keys(told, cell, end),
-        egress_put=_keys(heard, cell, end),
+        ingress_put=_keys(inbound, cell, end),
+        egress_put=_keys(outbound, cell, end),
         ingress_declare_subscriber=_subscriptions(remote, cell),
-        egress_declare_subscriber=_every(cell) if told else [],
+        egress_declare_subscriber=_every(cell) if inbound else [],
     )
 
 
 def _flows(**keys: Sequence[str]) -> _Allowed:
     """Those that allow anything, by (flow, message)."""
-    parts = {name.partition("_"): found for name, found in keys.items() if found}
-    return {(flow, message): found for (flow, _, message), found in parts.items()}
+    parts = {name.partition("_"): expressions for name, expressions in keys.items() if expressions}
+    return {(flow, message): expressions for (flow, _, message), expressions in parts.items()}
 
 
 def _subscriptions(role: PartyRole, cell: str) -> list[str]:
@@ -168,17 +165,17 @@ def _subscriptions(role: PartyRole, cell: str) -> list[str]:
 
 
 def _keys(topics: Iterable[Topic[Message]], cell: str, ends: bool) -> list[str]:
-    """Of the topics; with what goes directly, and in turns, where both parties are ends of the cell."""
-    found = list(topics)
-    keys = [topic.key(cell, "*") for topic in found]
+    """Key expressions of topics; between `ends` of the cell also those that go directly, and in turns."""
+    listed = list(topics)
+    keys = [topic.key(cell, "*") for topic in listed]
     if ends:
-        keys += [topic.taken_key(cell, "*") for topic in found if topic.crosses and topic.batched]
-        keys += [numbered("*", topic.taken_key(cell, "*")) for topic in found if topic.takes_turns]
+        keys += [topic.taken_key(cell, "*") for topic in listed if topic.crosses and topic.batched]
+        keys += [numbered("*", topic.taken_key(cell, "*")) for topic in listed if topic.takes_turns]
     return keys
 
 
 def _every(cell: str) -> list[str]:
-    """What the ends and the observers of a cell subscribe to."""
+    """Key expressions to which the ends and the observers of a cell subscribe."""
     whole = _whole(cell)
     return [whole, direct(whole), numbered("*", whole), numbered("*", direct(whole))]
 

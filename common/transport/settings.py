@@ -49,12 +49,12 @@ class TransportSettings(Settings):
             return 1
         if self.connections is not None:
             return self.connections
-        in_order = [each for each in self.connect if each.startswith(("tcp/", "tls/"))]
+        in_order = [endpoint for endpoint in self.connect if endpoint.startswith(("tcp/", "tls/"))]
         return 1 if all(map(on_loopback, in_order)) else MOST_CONNECTIONS
 
 
 class ImpairmentSettings(Settings):
-    """What one direction of a link does to its messages. In YAML a preset's name, or a mapping.
+    """Impairment of the messages of one direction of a link. In YAML a preset's name, or a mapping.
 
     A mapping may start from a preset: `{preset: paper, loss: 0.05}`.
 
@@ -87,6 +87,7 @@ class ImpairmentSettings(Settings):
     @model_validator(mode="before")
     @classmethod
     def _from_preset(cls, data: object) -> object:
+        """Replaces a preset's name by its values, beneath those that are given."""
         if isinstance(data, str):
             data = {"preset": data}
         if not isinstance(data, Mapping) or "preset" not in data:
@@ -99,6 +100,7 @@ class ImpairmentSettings(Settings):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
+        """Refuses a jitter beyond the delay, and a share of burst loss that the burst length can not give."""
         if self.jitter_s > self.delay_s:
             raise ValueError(f"jitter_s = {self.jitter_s:g}: expected at most delay_s = {self.delay_s:g}")
         limit = self.burst_length / (self.burst_length + 1)

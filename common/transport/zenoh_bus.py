@@ -4,7 +4,6 @@ import os
 import threading
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Self, cast
 
 import zenoh
@@ -31,7 +30,7 @@ refused second master stopped the stage of the first one, five times of five. Cl
 """
 
 _WAITING_SAMPLES = 4096
-"""What a subscriber that lags keeps: 4 s of a 1 kHz stream; older samples make room."""
+"""Samples that a lagging subscriber keeps: 4 s of a 1 kHz stream; older samples make room."""
 
 WAITING_OBSERVED = 65_536
 """The same of who hears all of a cell, more than 4000 samples a second: a recorder that waits its turn for
@@ -55,8 +54,8 @@ class Publication:
         self.put = put
         self._publisher = publisher
 
-    def heard(self) -> bool:
-        """Whether a session that is connected now subscribes to it; False once it is undeclared."""
+    def has_subscriber(self) -> bool:
+        """True if a session that is connected now subscribes to it; False once it is undeclared."""
         try:
             # The stub says bool; it is an object that is always true.
             return cast(zenoh.MatchingStatus, self._publisher.matching_status).matching
@@ -126,6 +125,7 @@ class ZenohTransport:
         return self.publication(key, qos).put
 
     def publication(self, key: str, qos: Qos) -> "Publication":
+        """Declares a publisher, closed with the session."""
         congestion, priority, reliability, express = _QOS[qos]
         publisher = self._session.declare_publisher(
             key,
@@ -138,6 +138,7 @@ class ZenohTransport:
         return Publication(self._sender(key, self._declared.enter_context(publisher)), publisher)
 
     def _sender(self, key: str, publisher: zenoh.Publisher) -> Put:
+        """A `Put` that raises RunError when the session broke down, and does nothing once it is closed."""
         put = publisher.put
 
         def send(payload: bytes) -> None:
@@ -153,6 +154,7 @@ class ZenohTransport:
         self._receive(key, lambda sample: handler(sample.payload.to_bytes(), self._now_ns()))
 
     def polled(self, key: str, handler: Handler, most: int = MOST_POLLED) -> Poll:
+        """Takes up to `most` waiting samples at a poll; of those the last 4096 are kept."""
         subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(_WAITING_SAMPLES))
         self._declared.enter_context(subscriber)
         take, now_ns = subscriber.handler.try_recv, self._now_ns
@@ -181,11 +183,11 @@ class ZenohTransport:
 
     @property
     def hint(self) -> str:
-        """What is wrong with a connection that stands, or empty."""
+        """Text on what is wrong with a connection that stands, or empty."""
         if self._closed or self._mode != "peer":
             return ""
         transports = self._session.info.transports()
-        routed = any(each.whatami == zenoh.WhatAmI.ROUTER for each in transports)
+        routed = any(transport.whatami == zenoh.WhatAmI.ROUTER for transport in transports)
         hint = "a router answers there, and joins no two peers; expected mode: client (--through-router)"
         return hint if routed else ""
 
@@ -199,6 +201,7 @@ class ZenohTransport:
             thread.join()
 
     def _receive(self, key: str, receive: _Receive, waiting: int = _WAITING_SAMPLES) -> None:
+        """Subscribes, with a thread that hands each sample to `receive`."""
         subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(waiting))
         # A daemon thread, so that a process that dies without `close` does not hang on it.
         thread = threading.Thread(
@@ -216,6 +219,7 @@ class ZenohTransport:
             self._deliver(sample, receive)
 
     def _deliver(self, sample: zenoh.Sample, receive: _Receive) -> None:
+        """Hands a sample to `receive`, whose exception is a fault."""
         if "*" in str(sample.key_expr):  # Zenoh delivers a put to `forefeel/**` to each of us
             return
         try:
@@ -230,7 +234,11 @@ def open_session(
     """A bare session, and what the user must be told loudly about it, or empty. See `ZenohTransport.open`."""
     for endpoint in settings.listen + settings.connect:
         check_endpoint(endpoint)
-    added = {} if settings.pki is None else _secured(settings.pki, party)
+    added: dict[str, object] = {}
+    if settings.pki is not None:
+        if party is None:
+            raise ValueError("a session with certificates needs a party: whose are they?")
+        added = secured(party, read_identity(settings.pki, party, now_utc()).identity)
     notice = check_exposure(
         settings.listen,
         settings.connect,
@@ -245,9 +253,3 @@ def open_session(
     except zenoh.ZError as error:
         kind = NoRouterError if "Unable to connect" in str(error) else EndpointError
         raise kind(explain(str(error), settings.listen, settings.connect)) from error
-
-
-def _secured(pki: Path, party: Party | None) -> dict[str, object]:
-    if party is None:
-        raise ValueError("a session with certificates needs a party: whose are they?")
-    return secured(party, read_identity(pki, party, now_utc()).identity)

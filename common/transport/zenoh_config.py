@@ -32,7 +32,7 @@ CONNECTING: dict[str, object] = {
 
 
 def configuration(settings: TransportSettings, mode: Mode, added: Mapping[str, object]) -> zenoh.Config:
-    """`added`: what certificates need."""
+    """Configuration of a session. `added`: what certificates need."""
     endpoints = {"listen/endpoints": list(settings.listen), "connect/endpoints": list(settings.connect)}
     config = zenoh.Config()
     for key, value in {**FIXED, **CONNECTING, "mode": mode, **endpoints, **added}.items():

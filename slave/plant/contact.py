@@ -21,6 +21,7 @@ class SwitchedContact:
         self.instrument_m = 0.0
 
     def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
+        """Force in N of the contact that holds at t; the later one follows the motion from the start."""
         self._switch(t)
         force_n = self._now.step(t, x, v, a, dt)
         if self._after is not self._now:
@@ -45,7 +46,7 @@ class SwitchedContact:
 
 
 class Converter:
-    """What of a model acts on readings: from the start, and from `from_s` on."""
+    """Effects that change readings: those of the contact from the start, hidden ones from `from_s` on."""
 
     def __init__(self, effects: list[SensorEffect], hidden: list[SensorEffect], from_s: float) -> None:
         self._effects = [*((0.0, effect) for effect in effects), *((from_s, effect) for effect in hidden)]
@@ -62,7 +63,7 @@ PlantContact = ContactRuntime | SwitchedContact
 
 
 def plant_contact(contact: ContactModel, hidden: HiddenSettings | None) -> tuple[PlantContact, Converter]:
-    """The contact of the world with what is hidden in it, and what becomes of its readings."""
+    """The contact of the world, with the hidden effects switched on later, and its converter."""
     continuous, converts = at_conversion(contact)
     if hidden is None:
         return continuous.runtime(), Converter(converts, [], 0.0)
@@ -85,7 +86,7 @@ class PlantFixture:
         self.inserted_m = inserted_m
 
     def set(self, grip: Grip, carriage_m: float) -> Grip:
-        """Closes or opens at once; the grip as applied."""
+        """Closes or opens at once; returns the grip as applied."""
         if grip is Grip.CLOSED and self.grip is Grip.OPEN:
             self._offset_m = self.inserted_m - carriage_m
             self._contact.reset_contact()

@@ -45,11 +45,11 @@ class PlantStage:
         self._setpoint = None
 
     def readback(self) -> tuple[float, float]:
-        """(position_m of the motor in steps of its encoder, velocity_m_s of the drive's observer)."""
+        """(position in steps of the motor's encoder in m, velocity in m/s by the drive's observer)."""
         return round(self.position_m / self._encoder_step_m) * self._encoder_step_m, self.velocity_m_s
 
     def step(self, t: float) -> tuple[float, float, float]:
-        """Advances by dt to time t; (x, v, a) of the carriage."""
+        """Advances by dt to time t; returns (x, v, a) of the carriage."""
         dt, x, before = self._dt, self.position_m, self.velocity_m_s
         exact_m, v = self._demanded(t)
         if self._free_low_m < x < self._free_high_m:
@@ -97,7 +97,6 @@ class PlantStage:
 
     def _stoppable(self, v: float) -> float:
         """v, or the largest velocity in its direction that braking in steps of dt stops within the travel.
-
         Braking by A dt per step covers at most v^2 / 2A + v dt / 2 + A dt^2 / 8, the first step included.
         """
         brake = self._change_m_s

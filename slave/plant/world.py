@@ -25,7 +25,6 @@ _PERIOD_S = 1e-3  # s between two conversions
 
 class PlantLoadCell:
     """A first-order anti-alias filter at the integration rate, one conversion per ms with white noise.
-
     `sense`: what else becomes of a reading: (t s, force N, dt s) -> N.
     """
 
@@ -46,12 +45,13 @@ class PlantLoadCell:
         """The newest conversion; invalid before the first."""
 
     def convert(self, t: float) -> None:
+        """Makes the next reading of the filtered force: bias, drift, noise, effects, counts."""
         settings = self._settings
         noise_n = self._random.gauss(0.0, settings.noise_n)
-        seen_n = self.filtered.value + settings.bias_n + settings.drift_n_s * t + noise_n
-        seen_n = self._sense(t, seen_n, _PERIOD_S)
+        reading_n = self.filtered.value + settings.bias_n + settings.drift_n_s * t + noise_n
+        reading_n = self._sense(t, reading_n, _PERIOD_S)
         most = self._most_counts
-        raw = max(-most, min(most, round(seen_n / self._newton_per_count)))
+        raw = max(-most, min(most, round(reading_n / self._newton_per_count)))
         self.reading = LoadCellReading(raw * self._newton_per_count, raw, abs(raw) <= VALID_SHARE * most)
 
 
@@ -88,7 +88,7 @@ class SimulatedWorld:
         return self._stage.command(position_m, velocity_m_s, self._elapsed_ns(now_ns) * 1e-9)
 
     def hold(self) -> None:
-        """The stage decelerates and stays until the next setpoint; safe from any thread."""
+        """Decelerates the stage, which stays until the next setpoint; safe from any thread."""
         self._stage.hold()
 
     def grip(self, grip: Grip) -> Grip:
@@ -108,7 +108,7 @@ class SimulatedWorld:
 
     @property
     def inserted_m(self) -> float:
-        """How deep the instrument is: what the vessel sees, over all strokes."""
+        """Depth of the instrument, as the vessel sees it, over all strokes."""
         return self._fixture.inserted_m
 
     def _elapsed_ns(self, stamp_ns: int) -> int:
@@ -117,6 +117,7 @@ class SimulatedWorld:
         return stamp_ns - self.start_ns
 
     def _integrate(self, first: int, last: int) -> None:
+        """Steps stage, fixture and filter up to step `last`, and converts once a millisecond."""
         stage, fixture, sense = self._stage.step, self._fixture.step, self._load_cell.filtered.advance
         dt, per_conversion = self._dt, _RATE_HZ // _CONVERSION_RATE_HZ
         for step in range(first + 1, last + 1):

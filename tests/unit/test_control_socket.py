@@ -214,7 +214,7 @@ class SlowLatch(Book):
         super().__init__()
         self.left = left
 
-    def kept(self, axis: str) -> bool:
+    def is_persisted(self, axis: str) -> bool:
         del axis
         self.left -= 1
         return self.left < 0

@@ -112,10 +112,10 @@ class Rig:
 
 def test_a_change_of_how_the_master_stands_is_one_event() -> None:
     rig = Rig()
-    rig.events.stands("no_session", "no answer", 7, 0)
-    rig.events.stands("in_session", "accepted", 7, 50 * MS)
-    rig.events.stands("in_session", "accepted", 7, 100 * MS)
-    rig.events.stands("handle_fault", "x" * 1000, 7, 150 * MS)
+    rig.events.publish_status("no_session", "no answer", 7, 0)
+    rig.events.publish_status("in_session", "accepted", 7, 50 * MS)
+    rig.events.publish_status("in_session", "accepted", 7, 100 * MS)
+    rig.events.publish_status("handle_fault", "x" * 1000, 7, 150 * MS)
     told = [(t.before, t.event, t.after, len(t.reason), t.session_id) for t in rig.transitions]
     assert told == [
         ("no_session", "session_opened", "in_session", 8, 7),

@@ -49,7 +49,7 @@ def test_kernels_of_other_sources_are_removed(tmp_path: Path, monkeypatch: pytes
     for path in (source, kept):
         path.parent.mkdir(parents=True)
     source.write_text("a = 1\n")
-    forget = jit._forget_what_is_old.__wrapped__
+    forget = jit._remove_stale_code.__wrapped__
     forget()
     kept.write_text("of the same sources")
     forget()

@@ -235,7 +235,7 @@ def test_the_handle_s_button_stops_and_lets_the_deadman_go_as_long_as_it_is_held
     assert [stop.reason for stop in rig.stops] == ["the handle's button"]
     for _ in range(100):
         rig.step(1)
-        rig.axis.say_stop(rig.now_ns)
+        rig.axis.send_stop(rig.now_ns)
     assert len(rig.stops) >= 5
     assert not any(command.deadman for command in rig.commands[-100:])
 

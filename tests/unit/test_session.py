@@ -95,12 +95,12 @@ def heartbeat(
 
 def test_a_right_answer_compares_the_clocks() -> None:
     rig = Rig()
-    assert rig.beats.heard(heartbeat(1, 1090 * MS), 100 * MS)
+    assert rig.beats.receive(heartbeat(1, 1090 * MS), 100 * MS)
     for sent_ms, received_ms in ((200, 100), (250, 230)):
         sent = rig.beat(sent_ms * MS)
         assert (sent.echo_stamp_ns, sent.echo_receive_ns) == ((received_ms + 990) * MS, received_ms * MS)
         answer = heartbeat(2, (sent_ms + 1020) * MS, sent_ms * MS, (sent_ms + 1010) * MS)
-        assert rig.beats.heard(answer, (sent_ms + 30) * MS)
+        assert rig.beats.receive(answer, (sent_ms + 30) * MS)
     assert rig.beats.offset is not None
     assert (rig.beats.offset.offset_ns, rig.beats.offset.round_trip_ns) == (1000 * MS, 20 * MS)
 
@@ -109,9 +109,9 @@ def test_a_right_answer_compares_the_clocks() -> None:
 def test_one_that_was_heard_before_says_nothing(sequence: int) -> None:
     rig = Rig()
     rig.beat(200 * MS)
-    assert rig.beats.heard(heartbeat(2, 7, 200 * MS, 6), 220 * MS)
+    assert rig.beats.receive(heartbeat(2, 7, 200 * MS, 6), 220 * MS)
     before = rig.beats.offset
-    assert not rig.beats.heard(heartbeat(sequence, 9, 200 * MS, 8), 200 * MS)
+    assert not rig.beats.receive(heartbeat(sequence, 9, 200 * MS, 8), 200 * MS)
     assert rig.beats.offset is before
     assert rig.beat(300 * MS).echo_stamp_ns == 7
 
@@ -119,24 +119,24 @@ def test_one_that_was_heard_before_says_nothing(sequence: int) -> None:
 def test_an_echo_of_what_was_never_sent_says_nothing() -> None:
     rig = Rig()
     rig.beat(200 * MS)
-    assert not rig.beats.heard(heartbeat(1, 50 * MS, 200 * MS + 1, 50 * MS), 201 * MS)
+    assert not rig.beats.receive(heartbeat(1, 50 * MS, 200 * MS + 1, 50 * MS), 201 * MS)
     assert rig.beats.offset is None
-    assert rig.beats.heard(heartbeat(1, 50 * MS, 200 * MS, 50 * MS), 201 * MS)
+    assert rig.beats.receive(heartbeat(1, 50 * MS, 200 * MS, 50 * MS), 201 * MS)
 
 
 def test_after_the_first_answer_one_without_any_says_nothing() -> None:
     rig = Rig()
     rig.beat(200 * MS)
-    assert rig.beats.heard(heartbeat(1, 5), 100)
-    assert rig.beats.heard(heartbeat(2, 50 * MS, 200 * MS, 50 * MS), 201 * MS)
-    assert not rig.beats.heard(heartbeat(3, 60 * MS), 211 * MS)
+    assert rig.beats.receive(heartbeat(1, 5), 100)
+    assert rig.beats.receive(heartbeat(2, 50 * MS, 200 * MS, 50 * MS), 201 * MS)
+    assert not rig.beats.receive(heartbeat(3, 60 * MS), 211 * MS)
 
 
 def test_an_answer_may_take_as_long_as_a_session_outlives() -> None:
     rig = Rig()
     for i in range(250):
         rig.beat(i * 50 * MS)
-    assert rig.beats.heard(heartbeat(1, 5, 0, 5), 250 * 50 * MS)
+    assert rig.beats.receive(heartbeat(1, 5, 0, 5), 250 * 50 * MS)
     for i in range(250, 260):
         rig.beat(i * 50 * MS)
-    assert not rig.beats.heard(heartbeat(2, 6, 0, 6), 260 * 50 * MS)
+    assert not rig.beats.receive(heartbeat(2, 6, 0, 6), 260 * 50 * MS)

@@ -198,7 +198,7 @@ def test_latch_is_kept_once_on_disk(latch: Latch, path: Path, monkeypatch: pytes
     real = os.fsync
 
     def fsync(descriptor: int) -> None:
-        assert not latch.kept("a")
+        assert not latch.is_persisted("a")
         synced.append(latched(path))
         real(descriptor)
 
@@ -206,7 +206,7 @@ def test_latch_is_kept_once_on_disk(latch: Latch, path: Path, monkeypatch: pytes
     for transition in STOPPED, CLEARED:
         latch.transition("a", transition)
         latch.write()
-        assert latch.kept("a")
+        assert latch.is_persisted("a")
     assert synced == [{"a": "pressed"}, {}]
 
 
@@ -236,9 +236,9 @@ def test_latch_without_room_is_a_problem_until_written(
         latch.transition("a", STOPPED)
         latch.write()
         latch.write()
-        assert not latch.kept("a")
+        assert not latch.is_persisted("a")
     latch.write()
-    assert latch.kept("a")
+    assert latch.is_persisted("a")
     assert latched(path) == {"a": "pressed"}, "as it is after a kill"
     assert [problem is None for problem in told] == [False, True]
 
