@@ -45,7 +45,7 @@ class EventList:
         return iter(self._lines)
 
     def hear(self, message: Message, role: str, receive_ns: int) -> None:
-        """A message of `role`; what is no event is passed over."""
+        """Appends a line about an event of `role`; ignores other messages."""
         text = event_text(message)
         if text:
             self.count += 1

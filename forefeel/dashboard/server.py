@@ -67,11 +67,11 @@ def run_dashboard(
     insecure: bool,
     opens: bool,
     vessel: VesselSettings | None,
-    told: TextIO | None = None,
+    chapters: TextIO | None = None,
 ) -> None:
     """Shows a live cell until SIGINT, SIGTERM or SIGHUP.
 
-    `told`: its lines, each a `Chapter`, say what is to be shown from then on.
+    `chapters`: lines of JSON, each a `Chapter`; the newest is shown.
 
     Raises:
         InputError: an endpoint, a certificate or the port can not be used.
@@ -86,7 +86,7 @@ def run_dashboard(
         party = Party("viewer", (settings.cell,))
         transport = ZenohTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
         with heeded(_exit), closing(transport):
-            _step_back()
+            _lower_priority()
             button = StopButton(transport, settings.cell, clock)
 
             def hear(key: str, payload: bytes, receive_ns: int) -> None:
@@ -100,7 +100,7 @@ def run_dashboard(
             routes = [Route("/stop", button.press, methods=["POST"])]
             story = Story(live, Chapter(vessel=vessel))
             watch = cell_watch(settings.transport, party, transport, clock)
-            ends = _follow(story, told) if told else _failure(failed, lambda: live.look(watch))
+            ends = _follow(story, chapters) if chapters else _failure(failed, lambda: live.look(watch))
             _serve(listening, address, story, f"cell {settings.cell}", opens, ends, routes)
 
 
@@ -114,18 +114,18 @@ def run_view(file: Path, address: str, port: int, opens: bool, vessel: VesselSet
     beside = {"report": file.parent / "report.html", "diagnosis": file.parent / "diagnosis" / "report.html"}
     pages = {words: path for words, path in beside.items() if path.is_file()}
     story = Story(None, Chapter(recording=file, pages=pages, vessel=vessel))
-    _step_back()
+    _lower_priority()
     with heeded(_exit), listening_at(address, port) as listening:
         _serve(listening, address, story, str(file), opens, _failure(()))
 
 
 def _exit() -> None:
-    """A server that keeps nothing would take seconds to come down in order on a busy machine."""
+    """Ends the process at once: in order it takes seconds on a busy machine, and nothing is to be saved."""
     os._exit(0)
 
 
-def _step_back() -> None:
-    """Whoever looks stands behind those who move something."""
+def _lower_priority() -> None:
+    """Puts this process behind those that move something."""
     with suppress(OSError):
         os.nice(_NICE)
 
@@ -143,7 +143,7 @@ class StopButton:
         self.hear = self._stopper.hear
 
     async def press(self, asked: Request) -> JSONResponse:
-        """Answers with the axes that do not acknowledge the stop; none: the cell has stopped."""
+        """Repeats the stop until every axis acknowledges it, 2 s at most; answers with those that do not."""
         stopper = self._stopper
         stopper.reason = f"page, from {asked.client.host if asked.client else 'unknown'}"
         for _ in range(round(FOR_S / EVERY_S)):
@@ -171,6 +171,7 @@ class Connection(H11Protocol):
         return self.cycle is None or self.cycle.response_complete
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Closes another connection where there are too many."""
         self.since_s = self.loop.time()
         oldest = displaced([peer for peer in self.connections if isinstance(peer, Connection)])
         if oldest is not None:
@@ -189,14 +190,14 @@ class Connection(H11Protocol):
 
 
 def displaced(peers: Collection[Connection]) -> Connection | None:
-    """The one that gives way to a new one: the oldest silent one, or else the oldest. None: there is room."""
+    """Connection to close for a new one: the oldest silent one, or else the oldest. None: there is room."""
     if len(peers) < MOST_CONNECTIONS:
         return None
     return min([peer for peer in peers if peer.silent] or peers, key=attrgetter("since_s"))
 
 
 def overdue(peers: Collection[Connection], now_s: float) -> list[Connection]:
-    """Those whose request does not arrive in time."""
+    """Connections whose request did not arrive within `HEAD_S`."""
     return [peer for peer in peers if peer.silent and now_s - peer.since_s > HEAD_S]
 
 
@@ -226,7 +227,7 @@ def _serve(
     ends: Coroutine[Any, Any, None],
     more: Sequence[BaseRoute] = (),
 ) -> None:
-    """Serves the page until `ends` does. `address`: as it was asked for, maybe a name; `what`: in words.
+    """Serves the page until `ends` does, and shows its link. `address`: as asked for; `what`: in words.
 
     Raises:
         RunError: `ends`, or what the page is made of, failed.
@@ -258,6 +259,7 @@ def _serve(
 
 
 async def _until(server: _Server, listening: socket.socket, ends: Coroutine[Any, Any, None]) -> None:
+    """Runs the server until it or `ends` has ended; raises the error of either."""
     serving, ending = asyncio.create_task(server.serve([listening])), asyncio.create_task(ends)
     await asyncio.wait((serving, ending), return_when=asyncio.FIRST_COMPLETED)
     server.should_exit = True
@@ -267,7 +269,7 @@ async def _until(server: _Server, listening: socket.socket, ends: Coroutine[Any,
 
 
 async def _failure(failed: Sequence[Exception], look: Callable[[], object] = lambda: None) -> None:
-    """Raises the first as soon as there is one; calls `look` meanwhile."""
+    """Waits for a failure and raises it; calls `look` meanwhile."""
     while not failed:
         look()
         await asyncio.sleep(_POLL_S)
@@ -275,7 +277,7 @@ async def _failure(failed: Sequence[Exception], look: Callable[[], object] = lam
 
 
 async def _follow(story: Story, lines: TextIO) -> None:
-    """Tells chapter after chapter; after the last until nobody looks, or without end if it stays."""
+    """Shows each chapter that comes; returns once no page was open for 10 s after the last, or never."""
     reader = asyncio.StreamReader()
     loop = asyncio.get_running_loop()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), lines)

@@ -23,7 +23,7 @@ class Points(NamedTuple):
 
 
 class MinMaxTrace:
-    """Of each bin of time the lowest and the highest sample, at their own times; of the last `span_s`.
+    """Lowest and highest sample of each bin of time, at their own times, of the last `span_s`.
 
     Samples come in the order of their time; one that belongs into a bin which is closed is left out. After a
     pause a row of NaN breaks the line.
@@ -42,6 +42,7 @@ class MinMaxTrace:
         self._high: tuple[float, ...] = ()
 
     def add(self, t_s: float, *values: float) -> None:
+        """Adds a sample to the open bin, or closes that and opens a later one."""
         number, row = floor(t_s / self._bin_s), (t_s, *values)
         if number == self._bin:
             if row[1] < self._low[1]:
@@ -52,6 +53,7 @@ class MinMaxTrace:
             self._begin(number, row)
 
     def _begin(self, number: int, row: tuple[float, ...]) -> None:
+        """Appends the extremes of the open bin, and NaN after a pause; opens bin `number` with `row`."""
         if self._bin is not None:
             self._append(min(self._low, self._high))
             if self._low is not self._high:
