@@ -133,7 +133,7 @@ def still(run: Run, axis: str, traces: AxisTraces) -> Figure | None:
     row = rows[np.argmax(np.abs(of.zoh_n - of.force_n)[rows])]
     reported_s = of.time_s[row] - np.nanmedian(traces.force_age_s)
     tip_m = np.interp(reported_s, traces.readback_time_s, traces.readback_m)
-    most_mn, felt_mn = (1e3 * np.nanmax(np.abs(each)) for each in (of.zoh_n, of.rendered_n))
+    most_mn, felt_mn = (1e3 * np.nanmax(np.abs(force_n)) for force_n in (of.zoh_n, of.rendered_n))
     spec = {
         "vessel": vessel.model_dump(mode="json"),
         "reach_mm": [1e3 * end(of.position_m) + vessel.tip_mm for end in (np.nanmin, np.nanmax)],
@@ -193,7 +193,7 @@ def _trace(name: str, colour: str, time_s: Floats, values: Floats, **more: objec
 
 
 def _along_time(traces: AxisTraces, panels: list[Layer]) -> Layer:
-    """On the whole time of the recording, so that figures can be compared."""
+    """Panels on the whole time of the recording, so that figures can be compared."""
     return spec(panels, (0.0, traces.duration_s or 1.0), unit="s")
 
 
@@ -223,6 +223,7 @@ def parameters(traces: AxisTraces) -> Figure | None:
 
 
 def _parameter(traces: AxisTraces, known: ParameterTraces, index: int) -> Layer:
+    """One parameter along time with its band; y holds all but the first quarter."""
     label, plain = named(known.names[index])
     known_s, later = known.time_s, slice(len(known.time_s) // 4, None)
     factor, unit = scale(plain, float(np.abs(known.values[later, index]).max()))
@@ -238,7 +239,7 @@ def _parameter(traces: AxisTraces, known: ParameterTraces, index: int) -> Layer:
 
 
 def story(part: AxisReport) -> tuple[str, list[str]]:
-    """What forefeel was worth in one sentence, and what it rests on."""
+    """Headline on the error of the felt or predicted force beside the late one's, and sentences of detail."""
     felt, scored_n = part.transparency, part.commands.scored
     if felt is None and not scored_n:
         return "Nothing was judged: there is no force to compare with.", []
@@ -263,12 +264,12 @@ def _in_place(size: ErrorSize, late: ErrorSize) -> str:
 
 
 def not_scored(commands: ScoredCommands) -> str:
-    """Why commands were not scored, the most frequent reason first."""
+    """Reasons why commands were not scored with their numbers, the most frequent first."""
     return in_order({words: commands.reasons.get(name, 0) for name, words in _REASONS.items()})
 
 
 def refused(counters: Mapping[str, int]) -> str:
-    """How many commands the slave's gate refused, and by which rules."""
+    """Number of commands that the slave's gate refused, in all and by rule."""
     start = "slave_refused_"
     rules = {name.removeprefix(start): n for name, n in counters.items() if name.startswith(start)}
     by_rule = in_order({_RULES.get(name, name): n for name, n in rules.items()})
@@ -276,7 +277,7 @@ def refused(counters: Mapping[str, int]) -> str:
 
 
 def injected(counters: Mapping[str, int]) -> str:
-    """What the injected impairment did on purpose to messages of both ends, after a semicolon; or nothing."""
+    """Messages that the injected impairment dropped, duplicated or delayed, after a semicolon; or nothing."""
 
     def total(what: str) -> int:
         return sum(
@@ -311,11 +312,11 @@ def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
     return [_fitted(line) for line in lines]
 
 
-def _felt(found: Transparency | None) -> str:
-    if found is None:
+def _felt(score: Transparency | None) -> str:
+    if score is None:
         return "not judged: only a simulated world knows the true force"
-    within = f"unnoticeable {share(found.within_jnd)} of the time"
-    return f"{_against(found.felt, found.held, found.ratio)}; {within}"
+    within = f"unnoticeable {share(score.within_jnd)} of the time"
+    return f"{_against(score.felt, score.held, score.ratio)}; {within}"
 
 
 def _predicted(report: RunReport) -> str:

@@ -38,7 +38,7 @@ _USUAL, _MOST = 3, 6
 
 
 def micros(value_us: float | None) -> str:
-    """A time that is given in us."""
+    """Text of a time that is given in us."""
     return quantity(None if value_us is None else value_us * 1e-6, "s")
 
 
@@ -64,7 +64,7 @@ def number(value: float | None) -> str:
 
 def in_order(counts: Mapping[str, int]) -> str:
     """Numbers with their names, the largest first, without those that are zero."""
-    return ", ".join(f"{n} {name}" for name, n in sorted(counts.items(), key=lambda each: -each[1]) if n)
+    return ", ".join(f"{n} {name}" for name, n in sorted(counts.items(), key=lambda item: -item[1]) if n)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +91,8 @@ def named(parameter: str) -> tuple[str, str]:
 
     The paper's own three, of `mass_damper_spring`, need no cause.
     """
-    cause, _, own = parameter.rpartition(".")
-    label, unit = split_unit(own)
+    cause, _, name = parameter.rpartition(".")
+    label, unit = split_unit(name)
     return (label if cause in {"", "mass_damper_spring"} else f"{cause.replace('_', ' ')}: {label}"), unit
 
 
@@ -107,6 +107,7 @@ def scale(unit: str, largest: float) -> tuple[float, str]:
 
 
 def shown(name: str, interval: "Interval") -> Shown:
+    """Value and interval of a parameter with a fitting prefix, in as many digits as the interval supports."""
     label, plain = split_unit(name)
     largest = interval.value or max(abs(interval.low), abs(interval.high))
     factor, unit = scale(plain, largest)
