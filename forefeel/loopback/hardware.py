@@ -24,7 +24,7 @@ Emulators = dict[str, _Words]
 
 
 def check_hardware(hardware: str, recording: bool, virtual: bool) -> None:
-    """Refuses what can not be.
+    """Checks `--hardware`, also against the options that exclude it.
 
     Raises:
         ConfigurationError: an unknown name, or emulated hardware with a recording or in virtual time.
@@ -44,7 +44,10 @@ def check_hardware(hardware: str, recording: bool, virtual: bool) -> None:
 
 
 def on_bench(plan: Plan, hardware: str, ports: Path, out: Path, seed: int) -> tuple[Plan, Emulators]:
-    """The plan with emulated devices, whose ports lie in the folder `ports`; `out` gets the settings."""
+    """The plan with emulated devices, with ports in the folder `ports`, and the commands that start them.
+
+    `out`: folder that gets the settings. Simulated hardware leaves the plan as it is.
+    """
     if hardware == SIMULATED:
         return plan, {}
     axis = plan.slave_settings().axes[0]

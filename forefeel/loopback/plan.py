@@ -1,4 +1,4 @@
-"""What a loopback run does: the settings of both ends, from a preset or from a measured recording."""
+"""Plan of a loopback run: the settings of both ends, from a preset or from a measured recording."""
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -60,7 +60,7 @@ class LoopbackOptions:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Settings of both ends; `duration_s` None: until the recording has been played. `notes`: what to tell
+    """Settings of both ends; `duration_s` None: until the recording has been played. `notes`: lines for
     the user.
     """
 
@@ -88,7 +88,7 @@ class Plan:
         return {**self.metadata, **drawn, **simulated}
 
     def vessel(self) -> VesselSettings | None:
-        """What a picture may show of the simulated world; None where recorded forces take its place."""
+        """Vessel of the simulated world, for the picture; None where recorded forces take its place."""
         axis = self.slave_settings().axes[0]
         return None if axis.load_cell.driver == "recorded" else _vessel(axis.simulation, axis.name)
 
@@ -104,7 +104,7 @@ class Plan:
 
 
 def _vessel(world: WorldSettings, axis: str) -> VesselSettings:
-    """Where the wall begins, and a valve at the entrance where something rubs along the shaft."""
+    """Narrows from the first contact on; has a valve at the entrance where something rubs along the shaft."""
     hidden = world.hidden.effects.effects if world.hidden else ()
     effects = [(entry.instance(), entry.site) for entry in (*world.contact.effects, *hidden)]
     shaft = [e for e, site in effects if isinstance(e, ForceEffect) and (site or e.site) == "shaft"]
@@ -219,7 +219,7 @@ def _load_models(options: LoopbackOptions, slave_axis: dict[str, Any], master_ax
 
 
 def _hide(options: LoopbackOptions, slave_axis: dict[str, Any]) -> None:
-    """Adds the effects of `--hide` to the simulated world; the master hears nothing of them."""
+    """Adds the effects of `--hide` to the simulated world alone; raises InputError for wrong options."""
     if options.hide is None:
         if options.hide_at_s:
             raise ConfigurationError(f"--hide-at {options.hide_at_s:g}: expected only with --hide")
@@ -239,7 +239,7 @@ def _source(options: LoopbackOptions) -> dict[str, Any]:
 
 
 def _refuse_world_options(options: LoopbackOptions) -> None:
-    """Recorded forces take the place of the simulated instrument."""
+    """Raises ConfigurationError for options of a simulated instrument: recorded forces take its place."""
     for option, value in (
         ("--preset", options.preset),
         ("--slave-model", options.slave_model),
@@ -256,8 +256,9 @@ def _refuse_world_options(options: LoopbackOptions) -> None:
 def play(
     recording: "Recording", source: dict[str, Any], slave_axis: dict[str, Any], master_axis: dict[str, Any]
 ) -> tuple[str, ...]:
-    """Limits and scale from the recording; the recorded force in place of the simulated one where there is
-    one. Returns what to tell the user. `source`: the recording as settings of a device name it.
+    """Fits both axes to the recording: limits, stage, handle, and the recorded force where there is one.
+
+    Returns notes for the user. `source`: the recording as the settings of a device name it.
     """
     limits = recording_limits(recording, slave_axis["limits"]["max_force_n"])
     low, high = limits["workspace_m"]
@@ -290,7 +291,7 @@ def _play_force(
     slave_axis: dict[str, Any],
     master_axis: dict[str, Any],
 ) -> list[str]:
-    """The load cell answers with the recorded force; what the hand feels of it stays within the hand's."""
+    """Makes the load cell play the recorded force and scales that to the hand; returns notes for the user."""
     sign = resisting_sign(recording)
     slave_axis["load_cell"] = {"driver": "recorded", "force_sign": sign, **source}
     slave_axis["gate"]["force_timeout_s"] = None

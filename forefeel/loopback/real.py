@@ -62,8 +62,12 @@ def run_real(
         devices = [Child(name, ("emulate", *words), out) for name, words in emulators.items()]
         recorder: Recorder | None = None
         try:
-            if _started(devices, master, stop):
-                recorder = _recorder(out / "recording.mcap", plan, recorder_at)
+            if _start_all(devices, master, stop):
+                from forefeel import recorder as recording  # noqa: PLC0415 - the master starts meanwhile
+
+                transport = TransportSettings(listen=(recorder_at,))
+                path = out / "recording.mcap"
+                recorder = recording.Recorder(path, plan.slave["cell"], transport, plan.recorded())
                 slave.start()
                 with progress as show:
                     _watch(slave, master, recorder, plan, show, stop)
@@ -79,26 +83,22 @@ def run_real(
         child.check()
 
 
-def _recorder(path: Path, plan: Plan, endpoint: str) -> "Recorder":
-    from forefeel.recorder import Recorder  # noqa: PLC0415 - the master starts meanwhile
-
-    return Recorder(path, plan.slave["cell"], TransportSettings(listen=(endpoint,)), plan.recorded())
-
-
-def _started(devices: Sequence[Child], master: Child, stop: Stop) -> bool:
-    """Starts all of them, the devices one after the other; False as soon as a signal came."""
+def _start_all(devices: Sequence[Child], master: Child, stop: Stop) -> bool:
+    """Starts the devices one after the other, then the master; False as soon as a signal came."""
     for child in (*devices, master):
         if stop.wanted():
             return False
         child.start()
         if child in devices:
-            _await_word(child, stop)
+            _await_output(child, stop)
     return True
 
 
-def _await_word(device: Child, stop: Stop) -> None:
-    """Until it has said a line: an emulated device can be opened then, and a start disturbs nobody. Or until
-    a signal came.
+def _await_output(device: Child, stop: Stop) -> None:
+    """Waits until it has written to its log, for then it can be opened, or until a signal came.
+
+    Raises:
+        RunError: it ended, or wrote nothing for five minutes.
     """
     end_s = time.monotonic() + _START_S
     while not (device.log.stat().st_size or stop.wanted()):
@@ -110,7 +110,7 @@ def _await_word(device: Child, stop: Stop) -> None:
 
 
 def _watch(slave: Child, master: Child, recorder: "Recorder", plan: Plan, show: Show, stop: Stop) -> None:
-    """Until the master ends by itself, a signal came or anything fails."""
+    """Shows progress until the master ends by itself or a signal came; raises RunError for a failure."""
     start_s, ready_s = time.monotonic(), None
     key = f"forefeel/{plan.slave['cell']}/{AXIS}"
     while master.running and slave.running:
@@ -136,7 +136,7 @@ def _watch(slave: Child, master: Child, recorder: "Recorder", plan: Plan, show: 
 
 
 def _await_release(recorder: "Recorder", key: str) -> None:
-    """The master's last word may still be on its way to the slave, which otherwise would count a stop."""
+    """Waits until the slave has received the release, 1 s at most; else it would count a stop."""
     for _ in range(int(_RELEASE_S / _POLL_S)):
         state = _newest(recorder, key, SLAVE_STATE)
         if state is None or state.state not in FOLLOWING:
@@ -153,7 +153,7 @@ def _newest(recorder: "Recorder", key: str, topic: Topic[M]) -> M | None:
 
 
 def _with_endpoints(plan: Plan, slave: str, recorder: str, *master: str) -> Plan:
-    """The master connects to the slave, both to the recorder; `master`: where it listens, for a viewer."""
+    """Connects the master to the slave, both to the recorder; `master`: where it listens, for a viewer."""
     return replace(
         plan,
         slave={**plan.slave, "transport": {"listen": [slave], "connect": [recorder]}},
@@ -162,6 +162,6 @@ def _with_endpoints(plan: Plan, slave: str, recorder: str, *master: str) -> Plan
 
 
 def with_state(plan: Plan, out: Path) -> Plan:
-    """Both keep their event log and flight records with the results."""
+    """Puts the event logs and flight records of both ends beside the results."""
     slave, master = ({"directory": str((out / STATE / role).absolute())} for role in ("slave", "master"))
     return replace(plan, slave={**plan.slave, "state": slave}, master={**plan.master, "state": master})

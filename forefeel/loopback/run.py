@@ -74,7 +74,7 @@ def recorded_run(
     overwrite: bool,
     virtual: bool = False,
 ) -> "RunReport":
-    """The same without a word but what is going on. What only the end needs is imported there."""
+    """Plans, runs and reports, without the ten lines. What only the end needs is imported there."""
     with ends_in_order("loopback", folder) as written:
         check_hardware(options.hardware, options.recording is not None, virtual)
         plan = make_plan(options)
@@ -111,7 +111,7 @@ def _run(
     written: list[str],
     viewer: DashboardProcess | None,
 ) -> None:
-    """Leaves the recording, also of a run that was interrupted."""
+    """Runs in real or virtual time and leaves the recording, also of a run that was interrupted."""
     progress = bar(plan.expected_s, "{task.completed:5.1f} / {task.total:.1f} s")
     if virtual:
         with progress as show:
