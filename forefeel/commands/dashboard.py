@@ -51,8 +51,8 @@ def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     from forefeel.dashboard.vessel import vessel_of  # noqa: PLC0415 - the help needs none of it
     from forefeel.network_settings import observer  # noqa: PLC0415
 
-    found, drawn = observer(config, cell, connect or [], pki, through_router), vessel_of(vessel)
+    settings, drawn = observer(config, cell, connect or [], pki, through_router), vessel_of(vessel)
     with extra("dashboard", *PACKAGES):
         from forefeel.dashboard.server import run_dashboard  # noqa: PLC0415
     with output(quiet=quiet):
-        run_dashboard(found, address, port, insecure, opens, drawn, sys.stdin if chapters else None)
+        run_dashboard(settings, address, port, insecure, opens, drawn, sys.stdin if chapters else None)

@@ -20,15 +20,16 @@ def _typed(parser: OptionParser, act: Callable[..., None]) -> Callable[..., None
     kinds = {"store": str | None, "append": list[str] | None, "store_true": bool}
     parameters = [
         Parameter(
-            each.dest,
+            option.dest,
             Parameter.KEYWORD_ONLY,
-            default=parser.defaults[each.dest],
+            default=parser.defaults[option.dest],
             annotation=Annotated[
-                kinds[each.action], typer.Option(each.get_opt_string(), metavar=each.metavar, help=each.help)
+                kinds[option.action],
+                typer.Option(option.get_opt_string(), metavar=option.metavar, help=option.help),
             ],
         )
-        for each in parser.option_list
-        if each.dest
+        for option in parser.option_list
+        if option.dest
     ]
     setattr(command, "__signature__", Signature(parameters))  # noqa: B010 - of no type that has it
     return command

@@ -21,10 +21,8 @@ from forefeel.dashboard.trace import SPAN_S, MinMaxTrace, SampleRing
 # commands that are remembered: 8.2 s at 1 kHz, four times the longest round trip of a session
 _REMEMBERED_COMMANDS = 8192
 _RATE_HZ = 1000  # Hz, at most, of answered commands, whose delays are kept for a minute
-# s by which a force may lie ahead of now
-_AHEAD_S = 1.0
-# s, bin of the trace of the energy, which changes slowly
-_ENERGY_BIN_S = 0.2
+_AHEAD_S = 1.0  # s by which a force may lie ahead of now
+_ENERGY_BIN_S = 0.2  # s, bin of the trace of the energy, which changes slowly
 
 
 class Newest:

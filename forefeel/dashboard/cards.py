@@ -29,17 +29,14 @@ from forefeel.report.wording import micros, named, number, scale, share
 
 Card = dict[str, Any]
 _BINS = 36  # bars of the histogram of the delay
-# s, least width of the histogram
-_LEAST_SPREAD_S = 2e-3
+_LEAST_SPREAD_S = 2e-3  # s, least width of the histogram
 _FRESH_S = 0.5  # s for which a value is shown after it was heard, as long as `stale_after_s` of the states
-# s for which what the model says of itself counts after it was heard
-_MODEL_S = 2.0
+_MODEL_S = 2.0  # s for which what the model says of itself counts after it was heard
 # s for which a loop's lateness is shown after it was heard: it comes once a second, three may be lost
 _TIMING_S = 3.5
 _TICKS_OF_DELAY = 1000  # answered commands of which the delay is said, the last second at 1 kHz
 _ROLES = ("master", "slave")
-# rows of the table of parameters
-_MOST_PARAMETERS = 24
+_MOST_PARAMETERS = 24  # rows of the table of parameters
 _COUNTED = {
     "late": ("late",),
     "reordered": ("reordered", "sequence", "duplicat"),
@@ -207,6 +204,7 @@ def loops(view: AxisView, now_ns: int) -> list[Card]:
 
 
 def _loop(role: str, timing: LoopTiming | None) -> Card:
+    """Lateness of one loop, with a level by the share of missed ticks and p99; None: not heard."""
     if timing is None:
         return {"who": role, "level": "off", "word": "not heard", "p50": UNKNOWN, "p99": UNKNOWN,
                 "max": UNKNOWN, "missed": UNKNOWN}  # fmt: skip
@@ -225,9 +223,7 @@ def _loop(role: str, timing: LoopTiming | None) -> Card:
 
 
 def counted(view: AxisView, now_ns: int, local: Mapping[str, int] = {}) -> str:
-    """Line of late, reordered, lost and refused messages, by the newest counters of both ends and `local`,
-    those of the page; then caveats, and the ends that are not heard.
-    """
+    """Late, reordered, lost and refused messages by the counters of both ends and `local`; then caveats."""
     states = view.newest.slave, view.newest.master
     counters = [local, *(state.counters for state in states if state is not None)]
     sums = dict.fromkeys(_COUNTED, 0)

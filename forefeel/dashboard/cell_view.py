@@ -11,7 +11,7 @@ from forefeel.dashboard.axis_view import AxisView
 MOST_AXES = 16  # axes that are shown
 BEYOND = f"refused_beyond_{MOST_AXES}_axes"
 UNREAD = {COMMAND.name, MASTER_HEARTBEAT.name, SLAVE_HEARTBEAT.name}
-"""What they hold is not shown, or stands in a message that is: decoding it would be in vain."""
+"""Topics whose content is not shown, or stands in a message that is: decoding it would be in vain."""
 
 
 class CellView:
@@ -46,6 +46,7 @@ class CellView:
             self.take(axis, topic, message, message_ns)
 
     def take(self, axis: str, topic: Topic[Message], message: Message, receive_ns: int) -> None:
+        """Hands a message to the view of its axis; counts it as refused beyond `MOST_AXES` axes."""
         view = self.axes.get(axis)
         if view is None:
             if len(self.axes) == MOST_AXES:

@@ -12,19 +12,14 @@ from math import sqrt
 from statistics import fmean, median
 from typing import NamedTuple
 
-# s, length of a block that is judged
-_BLOCK_S = 1.0
+_BLOCK_S = 1.0  # s, length of a block that is judged
 _LEAST_BLOCKS = 6  # blocks before the usual is known
-# blocks of which the usual is the median: 2 min
-_KEPT_BLOCKS = 120
-# forces in a block that is judged
-_LEAST_FORCES = 100
-# innovation over its usual: bad above the first, fine below the second
-_RISE, _FALL = 2.0, 1.4
+_KEPT_BLOCKS = 120  # blocks of which the usual is the median: 2 min
+_LEAST_FORCES = 100  # forces in a block that is judged
+_RISE, _FALL = 2.0, 1.4  # innovation over its usual: bad above the first, fine below the second
 # share outside of the band beyond its usual share: bad above the first, fine below the second
 _OUTSIDE_RISE, _OUTSIDE_FALL = 0.35, 0.15
-# bad blocks that raise the alarm, fine ones that end it
-_RAISE_BLOCKS, _END_BLOCKS = 2, 5
+_RAISE_BLOCKS, _END_BLOCKS = 2, 5  # bad blocks that raise the alarm, fine ones that end it
 COMPARED_S = 20
 """A window of the page: long enough for several ways in and out, short enough to show a change."""
 _LEAST = 1000  # forces that were compared, 1 s at 1 kHz

@@ -10,7 +10,7 @@ from forefeel.common.messages import EmergencyStop, Handshake, MasterEvent, Mess
 
 MOST = 200  # lines that are kept
 Level = Literal["good", "busy", "warn", "bad", "off"]
-"""How something stands: a colour and a shape, never without a word."""
+"""Status of something: a colour and a shape, never without a word."""
 _AFTER: dict[str, Level] = {
     SafetyState.IDLE: "off",
     SafetyState.READY: "off",

@@ -16,12 +16,9 @@ from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.trace import Points
 
 Answer = dict[str, Any]
-# ns between two updates of a card that is watched
-_QUICK_NS = 100_000_000
-# ns between two updates of the other cards
-_SLOW_NS = 500_000_000
-# digits behind the point that are sent, in s, m, N and J
-_DECIMALS = 7
+_QUICK_NS = 100_000_000  # ns between two updates of a card that is watched
+_SLOW_NS = 500_000_000  # ns between two updates of the other cards
+_DECIMALS = 7  # digits behind the point that are sent, in s, m, N and J
 
 
 class Feed:

@@ -34,15 +34,14 @@ from forefeel.dashboard.chapter import Chapter
 from forefeel.dashboard.sources import LiveCell
 from forefeel.dashboard.story import CONVERSATION, RESULTS, Story
 from forefeel.dashboard.vessel import VesselSettings
-from forefeel.interrupt import heeded
+from forefeel.interrupt import signal_flag
 from forefeel.local.stop import EVERY_S, FOR_S, Stopper
 from forefeel.network_settings import ObserverSettings
 from forefeel.reachability import cell_watch
 from forefeel.terminal import ask, say
 
 _POLL_S = 0.2  # s between two looks for an end
-# niceness that is added (nice(2)): behind the daemons and other programs
-_NICE = 5
+_NICE = 5  # niceness that is added (nice(2)): behind the daemons and other programs
 _LINGER_S = 10.0  # s that a page has for a reload when all is told
 _WAITING = 2048  # each holds on to the 4 KB that it came in; a starved viewer shows the newest, not all
 MOST_CONNECTIONS = 512  # of the 1024 files that most hosts allow a process; 16 browsers open at most 96
@@ -85,7 +84,7 @@ def run_dashboard(
         live = LiveCell(settings.cell, where, clock)
         party = Party("viewer", (settings.cell,))
         transport = ZenohTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
-        with heeded(_exit), closing(transport):
+        with signal_flag(_exit), closing(transport):
             _lower_priority()
             button = StopButton(transport, settings.cell, clock)
 
@@ -115,7 +114,7 @@ def run_view(file: Path, address: str, port: int, opens: bool, vessel: VesselSet
     pages = {words: path for words, path in beside.items() if path.is_file()}
     story = Story(None, Chapter(recording=file, pages=pages, vessel=vessel))
     _lower_priority()
-    with heeded(_exit), listening_at(address, port) as listening:
+    with signal_flag(_exit), listening_at(address, port) as listening:
         _serve(listening, address, story, str(file), opens, _failure(()))
 
 

@@ -64,6 +64,7 @@ class LiveCell:
         return {"cell": self._name, "file": None}
 
     def viewer(self) -> Viewer:
+        """Answers one page from the newest state of the cell."""
         feed = Feed()
 
         def answer(ask: Ask) -> Answer:

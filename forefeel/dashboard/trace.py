@@ -13,9 +13,7 @@ SPAN_S = 60.0  # s that a trace holds
 
 
 class Points(NamedTuple):
-    """Rows (n, 1 + width) of time in s and values; `first` is the number of the first of them, `end` that of
-    the next one to come.
-    """
+    """Rows (n, 1 + width) of time in s and values, with numbers from `first` to before `end`."""
 
     first: int
     end: int

@@ -28,9 +28,7 @@ class Child:
     def start(
         self, environment: Mapping[str, str] = {}, descriptors: Sequence[int] = (), hears: bool = False
     ) -> None:
-        """Starts it. `environment` is added to that of this process; `descriptors`: files that it inherits;
-        `hears`: with a standard input, for `tell`.
-        """
+        """Starts it with more `environment`, inherited `descriptors`, and a pipe for `tell` if it `hears`."""
         with self.log.open("wb") as log:
             self._process = subprocess.Popen(
                 self._command,

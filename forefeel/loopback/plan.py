@@ -33,7 +33,7 @@ _WORLD_MAX_N = {"catheter": 3.0, "guidewire": 0.3}
 # guidewire forces lie near the absolute threshold of the finger and are felt only when scaled
 _GUIDEWIRE_SCALE = 10.0
 HAND_MAX_N = 4.0
-"""What the hand is given at most."""
+"""Force in N that the hand is given at most."""
 _APPROACH_M_S = 0.03  # m/s, fastest approach to the recording's start
 # A simulated world says where its wall begins and not how wide it is: radii in those of the instrument,
 # wider up to there and narrower beyond, for the wall resists more the deeper.
@@ -60,9 +60,7 @@ class LoopbackOptions:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Settings of both ends; `duration_s` None: until the recording has been played. `notes`: lines for
-    the user.
-    """
+    """Settings of both ends; `duration_s` None: until the recording was played. `notes`: for the user."""
 
     slave: dict[str, Any]
     master: dict[str, Any]
@@ -177,6 +175,7 @@ def _check(options: LoopbackOptions) -> None:
 
 
 def _axes(options: LoopbackOptions) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Settings of the slave's and of the master's axis, with a simulated world and an operator."""
     preset = options.preset or _DEFAULT_PRESET
     limits = {"max_force_n": _WORLD_MAX_N[preset]}
     slave_axis: dict[str, Any] = {
@@ -208,6 +207,7 @@ def _metadata(options: LoopbackOptions) -> dict[str, str]:
 
 
 def _load_models(options: LoopbackOptions, slave_axis: dict[str, Any], master_axis: dict[str, Any]) -> None:
+    """Enters the model files of the options into both axes; raises InputError for one that is wrong."""
     if options.slave_model is not None:
         load_model(options.slave_model)  # for an error that names the file and nothing around it
         slave_axis["simulation"]["model"] = str(options.slave_model.resolve())
@@ -257,7 +257,6 @@ def play(
     recording: "Recording", source: dict[str, Any], slave_axis: dict[str, Any], master_axis: dict[str, Any]
 ) -> tuple[str, ...]:
     """Fits both axes to the recording: limits, stage, handle, and the recorded force where there is one.
-
     Returns notes for the user. `source`: the recording as the settings of a device name it.
     """
     limits = recording_limits(recording, slave_axis["limits"]["max_force_n"])

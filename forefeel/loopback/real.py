@@ -1,6 +1,4 @@
-"""Both daemons as two processes over a real Zenoh session; this process records, shows progress and ends them
-in order.
-"""
+"""Both daemons as processes over a real Zenoh session; this one records, shows progress and ends them."""
 
 import time
 from collections.abc import Sequence
@@ -14,7 +12,7 @@ from forefeel.common.errors import CodecError, RunError
 from forefeel.common.messages import FOLLOWING
 from forefeel.common.topics import COMMAND, SLAVE_STATE, Topic
 from forefeel.common.transport.settings import TransportSettings
-from forefeel.interrupt import Stop, heeded
+from forefeel.interrupt import Stop, signal_flag
 from forefeel.loopback.child import Child, free_endpoints
 from forefeel.loopback.hardware import Emulators
 from forefeel.loopback.plan import AXIS, STATE, Plan
@@ -54,7 +52,7 @@ def run_real(
     if viewer is not None:
         slave_at, *master_at = viewer.endpoints
     plan = with_state(_with_endpoints(plan, slave_at, recorder_at, *master_at), out)
-    with heeded() as stop:
+    with signal_flag() as stop:
         paths = plan.write(out)
         ends = () if plan.duration_s is None else ("--duration", f"{plan.duration_s}")
         slave = Child("slave", ("slave", "--config", str(paths[0])), out)
@@ -95,11 +93,7 @@ def _start_all(devices: Sequence[Child], master: Child, stop: Stop) -> bool:
 
 
 def _await_output(device: Child, stop: Stop) -> None:
-    """Waits until it has written to its log, for then it can be opened, or until a signal came.
-
-    Raises:
-        RunError: it ended, or wrote nothing for five minutes.
-    """
+    """Waits until the device logs that it can be opened, or a signal came; RunError: it ended before."""
     end_s = time.monotonic() + _START_S
     while not (device.log.stat().st_size or stop.wanted()):
         if not device.running or time.monotonic() > end_s:

@@ -12,7 +12,7 @@ from typing import Self
 from forefeel.child_process import LISTENING, listening_at
 from forefeel.common.errors import EndpointError
 from forefeel.dashboard.chapter import Chapter
-from forefeel.interrupt import heeded
+from forefeel.interrupt import signal_flag
 from forefeel.loopback.child import Child, free_endpoints
 
 PORT = 8600  # TCP port of the page, the default of `forefeel dashboard --port`, where it is free
@@ -87,7 +87,7 @@ class DashboardProcess:
         """Shows the last chapter until a signal; where there is no terminal as long as somebody looks."""
         if self._child is None:
             return
-        with heeded() as stop:
+        with signal_flag() as stop:
             self.tell(chapter.model_copy(update={"stays": self._stays}))
             self._child.close_input()
             while self._child.running and not stop.wanted():

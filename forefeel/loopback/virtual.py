@@ -1,6 +1,4 @@
-"""Both daemons in virtual time: the same composition roots, gates and impairment on the memory bus, bit for
-bit repeatable.
-"""
+"""Both daemons in virtual time: the same gates and impairment on the memory bus, bit for bit repeatable."""
 
 import gc
 from collections.abc import Callable, Iterator

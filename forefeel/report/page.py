@@ -37,8 +37,7 @@ from forefeel.report.wording import DISCLAIMER, in_order, micros, named, number,
 from forefeel.terminal import answer, suggest
 
 FILES = ("report.json", "report.html")
-_TRIM = 0.002
-"""Share of the highest and of the lowest values of a trace that may lie outside of its picture."""
+_TRIM = 0.002  # share of the highest and of the lowest values of a trace that may lie outside of its picture
 
 _MOST_PARAMETERS = 24  # that are drawn
 _LONGEST = 99  # characters of a line in the terminal

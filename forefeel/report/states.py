@@ -7,7 +7,7 @@ from forefeel.common.messages import FOLLOWING, SafetyEvent, SafetyState
 from forefeel.slave.safety import SafetyEventName
 
 START_S = 5.0
-"""How long a slave may take from the opened session to the first arming."""
+"""Time that a slave may take from the opened session to the first arming."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -42,14 +42,12 @@ from forefeel.report.transparency import run_transparency
 
 SETTLING_S = 3.0
 """From the first scored command to the first one that counts as settled."""
-_SILENT_S = 1.0
-"""A master that is silent for so long has missed ten of its states."""
+_SILENT_S = 1.0  # A master that is silent for so long has missed ten of its states
 MOST_EVENTS = 100
 M = TypeVar("M", bound=Message)
 _IMPAIRMENTS = (("master", MASTER_IMPAIRMENT), ("slave", SLAVE_IMPAIRMENT))
 _OF_EVENT = {"before", "event", "after", "reason"}
-_HEADER = {"protocol", "session_id", "sequence", "stamp_ns"}
-"""Of every message."""
+_HEADER = {"protocol", "session_id", "sequence", "stamp_ns"}  # of every message
 
 
 def summarise(run: Run) -> RunReport:
@@ -264,9 +262,7 @@ def recorder_counters(run: Run) -> dict[str, int]:
 
 
 def impairment_counters(run: Run) -> dict[str, int]:
-    """Messages that passed each impaired link, and how many of them it dropped, duplicated or delayed on
-    purpose; sorted.
-    """
+    """Messages of each impaired link: all, and those dropped, duplicated or delayed on purpose; sorted."""
     counts: Counter[str] = Counter()
     for role, topic in _IMPAIRMENTS:
         for part in (part for axis in run.axes for part in run.messages(axis, topic)):

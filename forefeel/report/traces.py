@@ -29,10 +29,8 @@ from forefeel.report.states import Span, session_end_ns, spans
 Flags = NDArray[np.bool_]
 
 _COLUMNS = "predicted_n", "low_n", "high_n", "zoh_n", "rendered_n", "energy_j"
-_JUMP_NS = 10_000_000_000
-"""Messages of one clock may be out of order by less."""
-_HANDLE_FAULT = "handle_fault"
-"""What the state of a master indicates whose handle has failed."""
+_JUMP_NS = 10_000_000_000  # messages of one clock may be out of order by less
+_HANDLE_FAULT = "handle_fault"  # indication of a master whose handle has failed
 
 
 @dataclass(frozen=True, slots=True)

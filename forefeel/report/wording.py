@@ -33,12 +33,10 @@ _UNITS = {
 }
 """By the end of a parameter's name, the longest first."""
 
-_USUAL, _MOST = 3, 6
-"""Digits of a value without an interval, and of any."""
+_USUAL, _MOST = 3, 6  # digits of a value without an interval, and of any
 
 
 def micros(value_us: float | None) -> str:
-    """Text of a time that is given in us."""
     return quantity(None if value_us is None else value_us * 1e-6, "s")
 
 
