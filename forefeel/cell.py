@@ -45,7 +45,7 @@ class Cell:
         self._newest: dict[str, dict[str, Any]] = {}
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        """Stores the message of a payload from the network; ignores other topics than `_FIELDS`."""
+        """Stores the message of a payload and wakes `wait`; ignores what is malformed or not in `_FIELDS`."""
         parsed = parse_key(key)
         if parsed is None or parsed[2].name not in _FIELDS:
             return

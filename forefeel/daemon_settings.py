@@ -28,7 +28,7 @@ def load_daemon(path: Path, *roles: str) -> "SlaveSettings | MasterSettings":
 
 
 def load_any(path: Path, *roles: str) -> Settings:
-    """The settings of any of our YAML files, told apart by its `role`, one of `roles` where there are some.
+    """Loads any of our YAML files as the settings of its `role`; `roles`: those that are accepted, or all.
 
     Raises:
         ConfigurationError: one line on the first mistake.

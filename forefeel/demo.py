@@ -35,7 +35,7 @@ HIDDEN: Effects = {
 
 
 def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float = RUN_S) -> None:
-    """Both runs at 300 ms of round trip with a live page, the diagnosis between them, and ten lines.
+    """Makes both runs at 300 ms of round trip with a live page, and the diagnosis between; prints ten lines.
 
     `out` has the second run; `out/first` the first, `out/diagnosis` what it taught. The second run starts
     with the model of the diagnosis, or, where that does not name what was hidden, with the first run's prior.

@@ -183,7 +183,7 @@ def leave(code: int) -> NoReturn:
 
 @contextmanager
 def _handled() -> Iterator[None]:
-    """Installs the handler; the outermost body begins without a signal. `nohup` is respected."""
+    """Installs the handler for the outermost body, which begins without a signal; `nohup` is respected."""
     if signal.getsignal(signal.SIGINT) == _stop.handle:
         yield
         return

@@ -163,8 +163,8 @@ def table(*columns: str, title: str | None = None, right: Sequence[str] = ()) ->
 
 @contextmanager
 def bar(total: float, count: str = "{task.completed:.0f} / {task.total:.0f}") -> Iterator[Show]:
-    """A bar on a terminal at stderr, and a function that is given how much of the total is done, and what is
-    going on. It goes when it is done; an answer meanwhile goes to stdout, where that is no terminal.
+    """Bar on a terminal at stderr; gives a function that takes how much of the total is done, and what is
+    going on. The bar goes when it is done; an answer meanwhile goes to stdout, where that is no terminal.
     """
     if _mode.quiet or not sys.stderr.isatty():
         yield lambda _done, _what: None

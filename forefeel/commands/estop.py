@@ -12,7 +12,7 @@ from forefeel.local import estop as stops
 
 
 def _typed(parser: OptionParser, act: Callable[..., None]) -> Callable[..., None]:
-    """`act` as a command of typer with the parser's options."""
+    """Function for typer that calls `act` with the parser's options."""
 
     def command(**options: object) -> None:
         act(**options)

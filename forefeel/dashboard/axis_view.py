@@ -99,7 +99,7 @@ class AxisView:
         newest.heard_ns[topic.name] = receive_ns
 
     def _add_haptics(self, sample: HapticSample, receive_ns: int) -> None:
-        """Ignores a sample out of order; clears the traces where the master's clock began anew."""
+        """Draws a sample, unless it is out of order; clears the traces if the master's clock began anew."""
         anew = self.timeline.add_stamp(sample.stamp_ns, receive_ns)
         if anew is None:
             return
@@ -122,7 +122,7 @@ class AxisView:
             self.delays.add(receive_ns * 1e-9, sample.delay_s)
 
     def _add_force(self, sample: ForceSample, receive_ns: int) -> None:
-        """Draws readback and force; scores the master's prediction for the command that the force answers."""
+        """Draws readback and valid force; scores the prediction for the command that the force answers."""
         now_s = self.timeline.now_s(receive_ns)
         t_s = self._place_s(sample, now_s)
         before, self.newest.force = self.newest.force, sample

@@ -170,7 +170,7 @@ class Connection(H11Protocol):
         return self.cycle is None or self.cycle.response_complete
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Closes another connection where there are too many."""
+        """Takes a connection; closes the one that gives way where there are too many, and says so."""
         self.since_s = self.loop.time()
         oldest = displaced([peer for peer in self.connections if isinstance(peer, Connection)])
         if oldest is not None:
@@ -276,7 +276,7 @@ async def _failure(failed: Sequence[Exception], look: Callable[[], object] = lam
 
 
 async def _follow(story: Story, lines: TextIO) -> None:
-    """Shows each chapter that comes; returns once no page was open for 10 s after the last, or never."""
+    """Shows each chapter that comes; returns once no page was open for 10 s, unless the last one stays."""
     reader = asyncio.StreamReader()
     loop = asyncio.get_running_loop()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), lines)

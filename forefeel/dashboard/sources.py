@@ -64,7 +64,7 @@ class LiveCell:
         return {"cell": self._name, "file": None}
 
     def viewer(self) -> Viewer:
-        """Answers one page from the newest state of the cell."""
+        """Function that answers one page from the newest state of the cell."""
         feed = Feed()
 
         def answer(ask: Ask) -> Answer:
@@ -101,7 +101,7 @@ class Recorded:
         return {"cell": spans.cell, "file": spans.path.name, "duration_s": duration_s, "zero_s": zero_s}
 
     def viewer(self) -> Viewer:
-        """Answers one page, from its own place in the recording."""
+        """Function that answers one page from its own place in the recording; a damaged place is silence."""
         replay, feed = ReplayClock(self._spans), Feed()
 
         def answer(ask: Ask) -> Answer:

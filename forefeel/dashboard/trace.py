@@ -40,7 +40,7 @@ class MinMaxTrace:
         self._high: tuple[float, ...] = ()
 
     def add(self, t_s: float, *values: float) -> None:
-        """Adds a sample to the open bin, or closes that and opens a later one."""
+        """Adds a sample to the open bin, or opens a later one with it; ignores one of an earlier bin."""
         number, row = floor(t_s / self._bin_s), (t_s, *values)
         if number == self._bin:
             if row[1] < self._low[1]:

@@ -76,7 +76,7 @@ class Plan:
         return checked(MasterSettings, self.master, self._where("master"))
 
     def recorded(self) -> dict[str, str]:
-        """The metadata of the recording: with what the slave simulates, where stage and load cell are."""
+        """Metadata of the recording: run, vessel, and the slave's axis if its devices are simulated."""
         axis, vessel = self.slave_settings().axes[0], self.vessel()
         drawn = {} if vessel is None else {RECORDED: vessel.model_dump_json()}
         if {axis.stage.driver, axis.load_cell.driver} != {"simulated"}:
@@ -102,7 +102,7 @@ class Plan:
 
 
 def _vessel(world: WorldSettings, axis: str) -> VesselSettings:
-    """Narrows from the first contact on; has a valve at the entrance where something rubs along the shaft."""
+    """Vessel that narrows to and beyond the contact; with a valve where something rubs along the shaft."""
     hidden = world.hidden.effects.effects if world.hidden else ()
     effects = [(entry.instance(), entry.site) for entry in (*world.contact.effects, *hidden)]
     shaft = [e for e, site in effects if isinstance(e, ForceEffect) and (site or e.site) == "shaft"]
@@ -120,7 +120,7 @@ def _vessel(world: WorldSettings, axis: str) -> VesselSettings:
 
 
 def make_plan(options: LoopbackOptions) -> Plan:
-    """Settings of both ends for what the user asked.
+    """Checks the options, and makes the settings of both ends.
 
     Raises:
         InputError: an unknown preset, or a file that can not be used.

@@ -37,7 +37,7 @@ def run_real(
     emulators: Emulators,
     viewer: DashboardProcess | None,
 ) -> None:
-    """Runs to the end and leaves out/recording.mcap; `progress` is entered when the daemons have
+    """Runs both daemons to the end and leaves out/recording.mcap; `progress` is entered when the daemons have
     started, and shown (seconds done, what happens).
 
     The master starts first, for it takes longest. The recorder listens before the slave starts, so that it

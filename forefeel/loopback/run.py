@@ -74,7 +74,7 @@ def recorded_run(
     overwrite: bool,
     virtual: bool = False,
 ) -> "RunReport":
-    """Plans, runs and reports, without the ten lines. What only the end needs is imported there."""
+    """Plans, runs and writes the report, without the ten lines. Only the end imports what it needs alone."""
     with ends_in_order("loopback", folder) as written:
         check_hardware(options.hardware, options.recording is not None, virtual)
         plan = make_plan(options)

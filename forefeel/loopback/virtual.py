@@ -48,7 +48,7 @@ class VirtualLoopback:
         self._plan = plan
 
     def run(self, progress: Callable[[float], None]) -> None:
-        """Runs to the end; `progress` gets the virtual time in s."""
+        """Runs to the end, and shuts both ends down; `progress` gets the virtual time in s."""
         start_ns = self.runtime.clock.now_ns()
         limit_s = self._plan.duration_s or 2 * self._plan.expected_s + _GRACE_S
 

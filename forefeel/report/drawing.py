@@ -95,7 +95,7 @@ def panel(title: str, y: Range | None = None, **more: object) -> Layer:
 
 
 def spec(panels: Sequence[Layer], ends: tuple[float, float] | None = None, **x: object) -> Layer:
-    """One canvas. `ends` of x, else those of the layers; `x`: label, unit, log."""
+    """Canvas of panels, rounded for JSON. `ends` of x, else those of the layers; `x`: label, unit, log."""
     columns = [layer["rows"][:, 0] for of in panels for kind in _LAYERS for layer in of.get(kind, ())]
     low, high = ends or _ends(np.concatenate([np.empty(0), *columns]), 0.0) or (0.0, 1.0)
     high = high if high > low else low + 1.0

@@ -122,7 +122,7 @@ def render_page(report: RunReport, run: Run) -> str:
 
 
 def still(run: Run, axis: str, traces: AxisTraces) -> Figure | None:
-    """The vessel when the late force was furthest from the measured; None where the tip is not known."""
+    """The vessel when the late force was furthest from the measured; None: no vessel, or tip not known."""
     vessel, of, known = of_recording(run.metadata), traces.commands, traces.parameters
     rows = np.flatnonzero(scored(of.predicted_n, of.zoh_n, of.force_n))
     # what was gripped anew is inserted by another length

@@ -60,7 +60,7 @@ class Twin:
         self._force_n = 0.0
 
     def force_n(self, command: MotionCommand) -> float:
-        """The force in N that answers a command, a tick after it arrives."""
+        """Moves the twin by a command; returns the force in N that answers it, a tick after it arrives."""
         arrived_ns = command.stamp_ns + self._ahead_ns
         dt_s = min(max((arrived_ns - self._previous_ns) * 1e-9, 1e-6), _MAX_STEP_S)
         self._previous_ns = arrived_ns

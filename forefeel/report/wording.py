@@ -116,7 +116,7 @@ def shown(name: str, interval: "Interval") -> Shown:
 
 
 def plain_value(name: str, value: float) -> str:
-    """A parameter without interval, such as `20 g`."""
+    """Text of a parameter without interval, such as `20 g`."""
     unit = split_unit(name)[1]
     factor, prefixed = scale(unit, value)
     text = _fixed(factor * value, _places(factor * value, 0.0))

@@ -74,7 +74,7 @@ class TaskOutcome:
 
 
 def examine(task: Task, tell: Tell = lambda stage: None) -> tuple[Result, Callable[[], str]]:
-    """Reads, diagnoses, predicts: (the result without its page, what draws that page).
+    """Reads, diagnoses and predicts; returns the result without its page, and a function that draws that.
 
     On one core, for the arrays are small and threads would wait. The page raises RunError where it fails.
 

@@ -34,7 +34,7 @@ def in_parallel(
     scheduler: str | None,
     check: Callable[[], None] = lambda: None,
 ) -> Generator[R, None, None]:
-    """Each result as soon as it is there, in any order; what still runs ends with the iterator.
+    """Yields each result as soon as it is there, in any order; what still runs ends with the iterator.
 
     Workers read the recordings and hand the results back: only this process writes. `check` is called many
     times a second, and what it raises ends all.
@@ -66,7 +66,7 @@ def in_parallel(
 
 @contextmanager
 def _processes(count: int) -> Iterator[tuple[Executor, int]]:
-    """Processes that are spawned: a fork of a process with threads may hang. The body's end kills them."""
+    """Pool of spawned processes, for a fork with threads may hang; the body's end kills them."""
     with _signals_blocked():  # with it begins the process that tracks its semaphores
         context, parent = get_context("spawn"), (os.getpid(), signal.SIGKILL)
         processes = ProcessPoolExecutor(count, context, die_with, parent)

@@ -97,7 +97,7 @@ def _contact(of: Component) -> Specs:
 
 
 def _since(of: Component) -> Specs:
-    """Turns the forces by direction, so that both branches lie on each other over the distance."""
+    """Over the distance since reversal, turned by direction, so that both branches lie on each other."""
     length = max(of.shape, default=0.0)
     direction, since = (values[of.curves.rows] for values in strokes(of.curves, _TREMOR * length))
     most = float(np.quantile(since, 0.98)) if len(since) else 0.0
