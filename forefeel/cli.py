@@ -81,7 +81,7 @@ class _Commands(Mapping[str, Any]):
     def __getitem__(self, name: str) -> Any:  # noqa: ANN401 - typer's own class, private to it
         if name not in set(self):
             raise KeyError(name)
-        return _made(self.prefix + name)
+        return _load(self.prefix + name)
 
     def __iter__(self) -> Iterator[str]:
         words = [name.removeprefix(self.prefix) for name in COMMANDS if name.startswith(self.prefix)]
@@ -135,7 +135,7 @@ class _Group(TyperGroup):
 
 
 @cache
-def _made(words: str) -> Any:  # noqa: ANN401 - typer's own class
+def _load(words: str) -> Any:  # noqa: ANN401 - typer's own class
     """Imports a command and gives it to typer, with help and examples; or makes a group of `GROUPS`."""
     if words in GROUPS:
         return typer.main.get_command(_group(words, GROUPS[words]))

@@ -64,7 +64,7 @@ def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float =
         judge(first)
         pages["first run"] = first_out / REPORT
         tell("2 of 3: what did the contact model lack? The diagnosis looks for it", first_out / RECORDING)
-        diagnosis = _diagnosed(first_out / RECORDING, diagnosis_out)
+        diagnosis = _diagnose(first_out / RECORDING, diagnosis_out)
         pages["diagnosis"] = diagnosis_out / PAGE
         tell(f"3 of 3: the same vessel, starting with {_start_text(diagnosis)}")
         knowing = replace(options, seed=seed + 1)
@@ -85,7 +85,7 @@ def _model(name: str) -> str:
     return dump_mapping({"schema": SCHEMA, "name": name, "effects": listed})
 
 
-def _diagnosed(recording: Path, folder: Path) -> Diagnosis:
+def _diagnose(recording: Path, folder: Path) -> Diagnosis:
     fresh_folder(folder, FILES, EARLIER, overwrite=True)
     result, page = examine(Task(recording), stages("diagnosis"))
     save(folder, result, [])
@@ -100,10 +100,10 @@ def _lines(first: RunReport, diagnosis: Diagnosis, second: RunReport, out: Path,
     last = f"Felt error  {late} if the late force were shown; {felt} in the first run; {now} now"
     hidden = (f"{name}: {', '.join(map(_value, values, values.values()))}" for name, values in HIDDEN.items())
     return [
-        f"First run   {quantity(first.delay_s.p50, 's')} away, nothing known: {_within(before)}",
+        f"First run   {quantity(first.delay_s.p50, 's')} away, nothing known: {_jnd_text(before)}",
         f"Hidden      {'; '.join(hidden)}",
         f"Diagnosis   {_diagnosis_text(diagnosis)}",
-        f"Second run  starts with {_start_text(diagnosis)}: {_within(after)}",
+        f"Second run  starts with {_start_text(diagnosis)}: {_jnd_text(after)}",
         f"Files       report.html, report.json, {RECORDING} in {out}; first and diagnosis beside them",
         f"Page        {page}",
         f"Next        forefeel diagnose {out / RECORDING} --out {out / 'again'}, or your.csv in its place",
@@ -112,7 +112,7 @@ def _lines(first: RunReport, diagnosis: Diagnosis, second: RunReport, out: Path,
     ]
 
 
-def _within(score: Transparency) -> str:
+def _jnd_text(score: Transparency) -> str:
     return f"{share(score.within_jnd)} of the time no hand could tell the felt force from the true one"
 
 

@@ -96,7 +96,7 @@ def signal_flag(on_signal: Callable[[], object] | None = None) -> Iterator[Stop]
         on_signal: called at each signal instead; no signal cuts such a body short. It is called wherever the
             main thread is, so it must not wait for anything.
     """
-    with _handled():
+    with _handler_installed():
         _stop.handlers.append(on_signal)
         try:
             yield _stop
@@ -162,7 +162,7 @@ def ends_in_order(what: str, folder: Path | None = None) -> Iterator[list[str]]:
             with suppress(OSError):  # not empty, or not made yet
                 path.rmdir()
 
-    with _handled(), at_last(remove_empty):
+    with _handler_installed(), at_last(remove_empty):
         _stop.texts.append(left)
         try:
             yield written
@@ -182,7 +182,7 @@ def leave(code: int) -> NoReturn:
 
 
 @contextmanager
-def _handled() -> Iterator[None]:
+def _handler_installed() -> Iterator[None]:
     """Installs the handler for the outermost body, which begins without a signal; `nohup` is respected."""
     if signal.getsignal(signal.SIGINT) == _stop.handle:
         yield

@@ -11,7 +11,7 @@ from forefeel.commands.options import examples
 from forefeel.local import estop as stops
 
 
-def _typed(parser: OptionParser, act: Callable[..., None]) -> Callable[..., None]:
+def _typer_command(parser: OptionParser, act: Callable[..., None]) -> Callable[..., None]:
     """Function for typer that calls `act` with the parser's options."""
 
     def command(**options: object) -> None:
@@ -35,4 +35,4 @@ def _typed(parser: OptionParser, act: Callable[..., None]) -> Callable[..., None
     return command
 
 
-estop = examples(*stops.EXAMPLES)(_typed(stops.PARSER, stops.estop))
+estop = examples(*stops.EXAMPLES)(_typer_command(stops.PARSER, stops.estop))

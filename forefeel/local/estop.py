@@ -91,7 +91,7 @@ def estop(  # noqa: PLR0913 - one parameter per option
     if config is not None:
         check_config_alone(cell is not None, connect, pki, through_router)
         try:
-            if _stopped_here(Path(config), reason):
+            if _stop_here(Path(config), reason):
                 return
         except RunError as error:
             why = f"{error}; over the network, then"
@@ -127,7 +127,7 @@ def state_folder(config: Path) -> Path | None:
     return None
 
 
-def _stopped_here(config: Path, reason: str) -> bool:
+def _stop_here(config: Path, reason: str) -> bool:
     """Stops the cell by the daemon of that file on this host, and says so; False: the file is of no daemon.
 
     Raises:
@@ -141,7 +141,7 @@ def _stopped_here(config: Path, reason: str) -> bool:
     lines = [f"{answer.role}: {line}" for line in answer.text]
     if not answer.done:
         raise RunError("; ".join(lines))
-    _tell(*lines, _stopped())
+    _tell(*lines, _stopped_text())
     if answer.role == "slave":
         suggest("clear", config=config)
     return True
@@ -154,7 +154,7 @@ def _confirm(states: dict[str, str], done: bool, whom: str) -> None:
         RunError: it is not confirmed.
     """
     axes = [f"axis {axis}: {state}" for axis, state in states.items()]
-    _tell(*axes, *[_stopped()] * done)
+    _tell(*axes, *[_stopped_text()] * done)
     if not done:
         states_text = ", ".join(axes) or "no slave heard"
         raise RunError(
@@ -163,7 +163,7 @@ def _confirm(states: dict[str, str], done: bool, whom: str) -> None:
         )
 
 
-def _stopped() -> str:
+def _stopped_text() -> str:
     took_ms = _since_start_s() * 1e3
     return f"stopped in {took_ms:.0f} ms; latched until `forefeel clear` on the slave's host"
 

@@ -295,42 +295,42 @@ def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
     lines = [
         f"Run        {report.recording}: {report.duration_s:.1f} s{ended}, axis {report.axis or 'none'}, "
         f"impairment {report.impairment or 'unknown'}, seed {report.seed or 'unknown'}",
-        f"Felt       {_felt(report.transparency)}",
-        f"Prediction {_predicted(report)}",
+        f"Felt       {_felt_text(report.transparency)}",
+        f"Prediction {_prediction_text(report)}",
         f"Scored     {report.commands.scored} of {report.commands.sent} commands; "
         f"{not_scored(report.commands) or 'all'}",
         f"Delay      {quantity(report.delay_s.p50, 's')} p50, {quantity(report.delay_s.p99, 's')} p99, "
         f"{quantity(report.delay_s.max, 's')} max, of a round trip; newest force "
         f"{quantity(report.force_age_s.p50, 's')} old",
         f"Armed      {share(report.armed_share)} of the session; {number(report.stops)} stops nobody chose",
-        f"Loops      {_loops(report.loop)}",
+        f"Loops      {_loops_text(report.loop)}",
         f"Counters   {limited} motions limited; {refused(report.counters)}{injected(report.counters)}",
         f"Files      report.html, report.json{where}",
         DISCLAIMER,
     ]
-    return [_fitted(line) for line in lines]
+    return [_shortened(line) for line in lines]
 
 
-def _felt(score: Transparency | None) -> str:
+def _felt_text(score: Transparency | None) -> str:
     if score is None:
         return "not judged: only a simulated world knows the true force"
     within = f"unnoticeable {share(score.within_jnd)} of the time"
-    return f"{_against(score.felt, score.held, score.ratio)}; {within}"
+    return f"{_error_text(score.felt, score.held, score.ratio)}; {within}"
 
 
-def _predicted(report: RunReport) -> str:
+def _prediction_text(report: RunReport) -> str:
     if not report.commands.scored:
         return "not judged: no command has a prediction and an answer"
     settled = f"after {SETTLING_S:g} s of learning {ratio(report.settled.ratio)}"
-    return f"{_against(report.prediction, report.zoh, report.ratio)}; {settled}"
+    return f"{_error_text(report.prediction, report.zoh, report.ratio)}; {settled}"
 
 
-def _against(size: ErrorSize, late: ErrorSize, times: float | None) -> str:
+def _error_text(size: ErrorSize, late: ErrorSize, times: float | None) -> str:
     late_n = quantity(late.rms_n, "N")
     return f"{quantity(size.rms_n, 'N')} rms error in place of {late_n} late ({ratio(times)})"
 
 
-def _loops(loops: Loops) -> str:
+def _loops_text(loops: Loops) -> str:
     if loops.master.max_us == 0.0 == loops.slave.max_us:
         return "in virtual time: no lateness"
     of = {"master": loops.master, "slave": loops.slave}
@@ -340,7 +340,7 @@ def _loops(loops: Loops) -> str:
     )
 
 
-def _fitted(line: str) -> str:
+def _shortened(line: str) -> str:
     """One printable line: names in a recording may hold anything."""
     clean = printable(line)
     return clean if len(clean) <= _LONGEST else f"{clean[: _LONGEST - 3]}..."

@@ -84,7 +84,7 @@ def examine(task: Task, tell: Tell = lambda stage: None) -> tuple[Result, Callab
     """
     try:
         with threadpool_limits(1):
-            return _examined(task, tell)
+            return _examine(task, tell)
     except ForefeelError:
         raise
     except Exception as error:
@@ -107,7 +107,7 @@ def attempt(task: Task) -> TaskOutcome:
         return TaskOutcome(task, replace(result, page_failed=str(error)))
 
 
-def _examined(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
+def _examine(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
     """Does the work of `examine`, and raises errors as they are."""
     tell("reading")
     recordings = [load_recording(f, task.columns, task.axis, force=True) for f in (task.file, *task.beside)]

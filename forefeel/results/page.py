@@ -39,9 +39,9 @@ def render_page(
     shown_names = causes or [name for name in diagnosis.suspected if name != "bias"]  # the simulation has one
     draws = {base_name(full): partial(picture, curves, full) for full in curves.analysis.fit.model}
     draws |= {of.name: partial(sensor_picture, curves.analysis, of) for of in curves.analysis.faults}
-    details = {"What is left": [_attempted(partial(draw, curves, diagnosis)) for draw in _LEFT_OVER]}
+    details = {"What is left": [_draw(partial(draw, curves, diagnosis)) for draw in _LEFT_OVER]}
     if diagnosis.look is not None:
-        details["The look before the search"] = [_attempted(partial(_look, curves, diagnosis.look))]
+        details["The look before the search"] = [_draw(partial(_look, curves, diagnosis.look))]
     return render(
         "results/page.html.j2",
         recording=recording,
@@ -54,8 +54,8 @@ def render_page(
         on_readings=on_readings(diagnosis),
         given=given,
         extends=curves.extends,
-        picture_of_it=_attempted(partial(_worst, curves, diagnosis)),
-        sections=[(n, causes.get(n), _attempted(draws[n]) if n in draws else None) for n in shown_names],
+        picture_of_it=_draw(partial(_worst, curves, diagnosis)),
+        sections=[(n, causes.get(n), _draw(draws[n]) if n in draws else None) for n in shown_names],
         details=details,
         fingerprint=fingerprint,
         words=words,
@@ -64,7 +64,7 @@ def render_page(
     )
 
 
-def _attempted(draw: Callable[[], Figure]) -> Figure:
+def _draw(draw: Callable[[], Figure]) -> Figure:
     """Draws a figure; one that fails is one line in its place."""
     try:
         return draw()
