@@ -308,7 +308,8 @@ def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
         f"Files      report.html, report.json{where}",
         DISCLAIMER,
     ]
-    return [_shortened(line) for line in lines]
+    printed = map(printable, lines)  # names in a recording may hold anything
+    return [line if len(line) <= _LONGEST else f"{line[: _LONGEST - 3]}..." for line in printed]
 
 
 def _felt_text(score: Transparency | None) -> str:
@@ -338,9 +339,3 @@ def _loops_text(loops: Loops) -> str:
         f"{role} {micros(loop.p50_us)}/{micros(loop.p99_us)}, {number(loop.missed)} missed"
         for role, loop in of.items()
     )
-
-
-def _shortened(line: str) -> str:
-    """One printable line: names in a recording may hold anything."""
-    clean = printable(line)
-    return clean if len(clean) <= _LONGEST else f"{clean[: _LONGEST - 3]}..."
