@@ -28,6 +28,7 @@ def run() -> None:
 
 
 def main() -> None:
+    """Runs the command of `sys.argv`; an error is one line and an exit code."""
     try:
         code = _stop() if sys.argv[1:2] == ["estop"] else _command()
     except UnclearError as error:
@@ -45,7 +46,7 @@ def main() -> None:
 
 
 def _stop() -> int:
-    """`forefeel estop`, before typer and what the other commands need are imported."""
+    """Runs `forefeel estop` before typer and what the other commands need are imported."""
     _go_first()
     from forefeel.local import estop  # noqa: PLC0415 - the imports go first, too
 
@@ -54,6 +55,7 @@ def _stop() -> int:
 
 
 def _command() -> int | None:
+    """Runs a command of typer; wrong usage ends in one line and typer's exit code."""
     import typer  # noqa: PLC0415 - as in `_stop`
 
     from forefeel.cli import app  # noqa: PLC0415 - so that an import error of an extra is one line, too
@@ -66,9 +68,9 @@ def _command() -> int | None:
 
 
 def _go_first() -> None:
-    """A stop waits for nobody where that is permitted: on a busy host imports alone took half a minute.
+    """Takes priority over all but the daemons, which bring the stage to rest, where that is permitted.
 
-    Ahead of everything but the daemons, which bring the stage to rest.
+    On a busy host imports alone took half a minute.
     """
     with suppress(OSError):
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(_STOP_PRIORITY))

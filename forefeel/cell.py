@@ -23,7 +23,7 @@ from forefeel.common.messages import ForceSample, HapticSample, SlaveState
 from forefeel.common.topics import FORCE, HAPTICS, SLAVE_STATE, parse_key
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import ZenohTransport
-from forefeel.local.stop import Caller, caller_of, stop_over_network
+from forefeel.local.stop import StopSender, sender_of, stop_over_network
 
 _FIELDS = {SLAVE_STATE.name: "state", FORCE.name: "force", HAPTICS.name: "prediction"}
 
@@ -40,12 +40,12 @@ class Axis:
 class Cell:
     """The newest messages of a cell; `stop` stops it."""
 
-    def __init__(self, caller: Caller, fields: Collection[str]) -> None:
-        self._caller, self._fields, self._came = caller, fields, Condition()
+    def __init__(self, sender: StopSender, fields: Collection[str]) -> None:
+        self._sender, self._fields, self._came = sender, fields, Condition()
         self._newest: dict[str, dict[str, Any]] = {}
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        """A payload from the network."""
+        """Stores the message of a payload and wakes `wait`; ignores what is malformed or not in `_FIELDS`."""
         parsed = parse_key(key)
         if parsed is None or parsed[2].name not in _FIELDS:
             return
@@ -59,14 +59,14 @@ class Cell:
 
     @property
     def axes(self) -> Mapping[str, Axis]:
-        """The axes that are heard, by name."""
+        """Newest messages by axis, of the axes that have sent any."""
         with self._came:
-            newest = {name: dict(found) for name, found in self._newest.items()}
-        return {name: Axis(**found) for name, found in newest.items()}
+            newest = {name: dict(messages) for name, messages in self._newest.items()}
+        return {name: Axis(**messages) for name, messages in newest.items()}
 
     @property
     def state(self) -> SlaveState | None:
-        """Of the first axis, as `force` and `prediction`."""
+        """State of the first axis by name, as `force` and `prediction`; None before it has come."""
         return self._first.state
 
     @property
@@ -87,15 +87,15 @@ class Cell:
             return self._came.wait_for(self._complete, timeout_s)
 
     def _complete(self) -> bool:
-        axes = self._caller.axes or tuple(self._newest)
+        axes = self._sender.axes or tuple(self._newest)
         return bool(axes) and all(self._newest.get(axis, {}).keys() >= set(self._fields) for axis in axes)
 
     def stop(self, reason: str = "asked for by a program") -> Mapping[str, str]:
-        """Says an emergency stop until every axis shows it, for 2 s at most; the state of each axis then.
+        """Repeats an emergency stop until every axis confirms it, 2 s at most; returns each axis' state.
 
         `estopped` is a stop that is confirmed. Anything else is none: use the stop of the machine itself.
         """
-        return stop_over_network(self._caller, tuple(self.axes) or self._caller.axes, reason)
+        return stop_over_network(self._sender, tuple(self.axes) or self._sender.axes, reason)
 
 
 @contextmanager
@@ -110,18 +110,18 @@ def connect(config: str | Path, *, insecure: bool = False) -> Iterator[Cell]:
     Raises:
         InputError: the file, a certificate or an endpoint can not be used.
     """
-    caller, faults = caller_of(Path(config), insecure), list[Exception]()
-    if caller.role == "slave":
+    sender, faults = sender_of(Path(config), insecure), list[Exception]()
+    if sender.role == "slave":
         raise ConfigurationError(f"{config}: role = 'slave': expected the file of a master or a viewer")
-    hears_all = caller.role == "viewer" or caller.transport.pki is None
+    hears_all = sender.role == "viewer" or sender.transport.pki is None
     fields = _FIELDS.values() if hears_all else ("state", "force")
-    cell, party = Cell(caller, fields), Party(caller.role, (caller.cell,))
-    opened = ZenohTransport.open(caller.transport, MonotonicClock(), faults.append, party, insecure=insecure)
+    cell, party = Cell(sender, fields), Party(sender.role, (sender.cell,))
+    opened = ZenohTransport.open(sender.transport, MonotonicClock(), faults.append, party, insecure=insecure)
     with closing(opened):
         if hears_all:
-            opened.subscribe_all(f"forefeel/{caller.cell}", cell.hear)
+            opened.subscribe_all(f"forefeel/{sender.cell}", cell.hear)
         else:  # certificates let an end hear what comes from the other one
-            for topic, axis in product((SLAVE_STATE, FORCE), caller.axes):
-                key = topic.key(caller.cell, axis)
+            for topic, axis in product((SLAVE_STATE, FORCE), sender.axes):
+                key = topic.key(sender.cell, axis)
                 opened.subscribe(key, partial(cell.hear, key))
         yield cell

@@ -19,7 +19,7 @@ def child_environment() -> dict[str, str]:
 
 
 def die_with_parent() -> None:
-    """A process that another of ours started with `child_environment` does not outlive it, however it ends.
+    """Ends this process with its parent, however that ends, if `child_environment` was given to it.
 
     Raises:
         RunError: it has ended.
@@ -30,7 +30,7 @@ def die_with_parent() -> None:
 
 
 def die_with(parent: int, number: signal.Signals) -> None:
-    """This process gets that signal when its parent, which has that id, ends.
+    """Has the kernel send this process a signal when its parent, which has that id, ends.
 
     Raises:
         RunError: it has ended.
@@ -41,7 +41,7 @@ def die_with(parent: int, number: signal.Signals) -> None:
 
 
 def listening_at(address: str, port: int) -> socket.socket:
-    """A socket that listens before its server is there: the parent's where there is one.
+    """Socket that listens before its server is there: inherited of the parent, or else a new one.
 
     Raises:
         EndpointError: the port is taken, or not at this host.

@@ -73,7 +73,7 @@ GROUPS = {
 
 
 class _Commands(Mapping[str, Any]):
-    """The commands of a group by name, each made when it is asked for."""
+    """Commands of a group by name, each imported when it is asked for."""
 
     def __init__(self, group: str) -> None:
         self.prefix = f"{group} " if group else ""
@@ -81,18 +81,18 @@ class _Commands(Mapping[str, Any]):
     def __getitem__(self, name: str) -> Any:  # noqa: ANN401 - typer's own class, private to it
         if name not in set(self):
             raise KeyError(name)
-        return _made(self.prefix + name)
+        return _load(self.prefix + name)
 
     def __iter__(self) -> Iterator[str]:
         words = [name.removeprefix(self.prefix) for name in COMMANDS if name.startswith(self.prefix)]
-        return iter(dict.fromkeys(each.partition(" ")[0] for each in words))
+        return iter(dict.fromkeys(word.partition(" ")[0] for word in words))
 
     def __len__(self) -> int:
         return sum(1 for _ in self)
 
 
 class _Group(TyperGroup):
-    """Its help names the commands by their summaries alone."""
+    """Group of commands whose help imports none of them."""
 
     def __init__(self, **attributes: Any) -> None:  # noqa: ANN401 - typer's
         super().__init__(**attributes)
@@ -100,11 +100,11 @@ class _Group(TyperGroup):
         self._in_help = False
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
-        """Without a command the help is what was asked for."""
+        """Shows the help where no command is given."""
         return super().parse_args(ctx, args or ["--help"])
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
-        """Whatever a command's module imports is not needed for its name."""
+        """Writes the help with names and summaries of `COMMANDS`; no command's module is imported."""
         self._in_help = True
         try:
             super().format_help(ctx, formatter)
@@ -112,34 +112,31 @@ class _Group(TyperGroup):
             self._in_help = False
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
-        """An example a line, by what one wants to do."""
+        """Writes `SECTIONS`: an example a line, with the summary of its command."""
         if self.commands.prefix:
             super().format_commands(ctx, formatter)
             return
         for title, lines in SECTIONS.items():
             with formatter.section(title):
-                formatter.write_dl([(line, _summary(line)) for line in lines])
+                names = [max(filter(line.startswith, COMMANDS), key=len) for line in lines]
+                summaries = [COMMANDS[name].partition(". ")[0].rstrip(".") for name in names]
+                formatter.write_dl([*zip(lines, summaries, strict=True)])
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401
-        """In the order of `COMMANDS`; typer's own would make each of them."""
+        """Names in the order of `COMMANDS`; typer's own would import each of them."""
         return list(self.commands)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ANN401
-        """With its options; in the help only with its summary."""
+        """Command with its options; while the help is written, with its summary alone."""
         if not self._in_help:
             return super().get_command(ctx, cmd_name)
         words = self.commands.prefix + cmd_name
         return TyperCommand(cmd_name, short_help=COMMANDS.get(words) or GROUPS[words])
 
 
-def _summary(line: str) -> str:
-    """Of the command that an example begins with."""
-    name = max((each for each in COMMANDS if line.startswith(each)), key=len)
-    return COMMANDS[name].partition(". ")[0].rstrip(".")
-
-
 @cache
-def _made(words: str) -> Any:  # noqa: ANN401 - typer's own class
+def _load(words: str) -> Any:  # noqa: ANN401 - typer's own class
+    """Imports a command and gives it to typer, with help and examples; or makes a group of `GROUPS`."""
     if words in GROUPS:
         return typer.main.get_command(_group(words, GROUPS[words]))
     module, _, name = words.partition(" ")

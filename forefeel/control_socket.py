@@ -25,24 +25,20 @@ if TYPE_CHECKING:
     from forefeel.master.daemon import MasterDaemon
     from forefeel.slave.daemon import Clearing, SlaveDaemon
 
-_LONGEST_REQUEST = 8192
-"""Bytes: two of the longest texts, each character escaped in 12 bytes, take 6144."""
-_BY = "control socket"
-"""Who asks, in the event log: root or the daemon's own user."""
+_LONGEST_REQUEST = 8192  # bytes: two of the longest texts, each character escaped in 12 bytes, take 6144
+_BY = "control socket"  # asker in the event log: root or the daemon's own user
 _REQUEST = TypeAdapter(Request, config=ConfigDict(strict=True, str_max_length=LONGEST_TEXT))
 _POLL_S = 0.01
-_STOPS_S = 1.0
-"""Bounds the wait for a stop to show. A master needs a round trip, by default of at most 0.7 s."""
+_STOPS_S = 1.0  # bounds the wait for a stop to show. A master needs a round trip, by default of at most 0.7 s
 _TICK_S = 1.0  # bounds the wait for the tick that clears
 _DISK_S = 2.0  # bounds the wait for a clearing on the disk: a busy one was seen to take half a second
-_LASTS_S = 0.5
-"""A cause that lasts shows within this: a blind load cell takes 0.2 s, a silent drive 50 ms."""
+_LASTS_S = 0.5  # A cause that lasts shows within this: a blind load cell takes 0.2 s, a silent drive 50 ms
 
 Act = Callable[[Request], Awaitable[Answer]]
 
 
 class ControlSocket:
-    """The socket is there while this is entered; requests before `serving` wait for it.
+    """Socket of a daemon while entered; requests before `serving` wait for it.
 
     So a stop that is asked for while a daemon starts is the first that it heeds.
 
@@ -78,6 +74,7 @@ class ControlSocket:
 
     @asynccontextmanager
     async def serving(self, act: Act) -> AsyncIterator[None]:
+        """Answers requests by `act` while entered; cancels what is not answered by then."""
         loop = asyncio.get_running_loop()
         loop.add_reader(self._socket, self._receive, act)
         try:
@@ -89,6 +86,7 @@ class ControlSocket:
             await asyncio.gather(*self._requests, return_exceptions=True)
 
     def _receive(self, act: Act) -> None:
+        """Starts a task that answers one request."""
         try:
             data, asker = self._socket.recvfrom(_LONGEST_REQUEST)
         except BlockingIOError:
@@ -98,6 +96,7 @@ class ControlSocket:
         task.add_done_callback(self._requests.discard)
 
     async def _reply(self, act: Act, data: bytes, asker: str | bytes) -> None:
+        """Sends the answer of `act`, or why the request was not understood."""
         try:
             answer = await act(_REQUEST.validate_json(data))
         except ValidationError as error:
@@ -108,6 +107,8 @@ class ControlSocket:
 
 
 class SlaveRequests:
+    """Answers requests at the slave: a stop, and a clearing, which is logged."""
+
     def __init__(self, daemon: "SlaveDaemon", event_sink: EventSink, clock: Clock) -> None:
         self._daemon, self._event_sink, self._clock = daemon, event_sink, clock
 
@@ -119,19 +120,20 @@ class SlaveRequests:
         return self._answer(await _until(_STOPS_S, self._stopped), *self._lines())
 
     async def _clear(self, name: str | None) -> Answer:
+        """Clears that axis, or all; not done where a cause persists, or the disk does not have it in time."""
         axes = self._daemon.axes
         names = [axis.name for axis in axes]
         if name is not None and name not in names:
             return self._answer(False, f"no axis {name!r}; expected one of {', '.join(names)}")
         if not any(axis.halted for axis in axes):
             return self._answer(True, "nothing is latched", *self._lines())
-        cleared = await self._cleared(name)
+        cleared = await self._clear_in_tick(name)
         if isinstance(cleared, str):
             return self._logged(False, cleared)
         await _until(_LASTS_S, lambda: any(axis.halted for axis in axes))
         await _until(_DISK_S, lambda: not self._unwritten())
         still = {axis.name: axis.reason for axis in axes if axis.halted}
-        lines = [f"axis {each.axis}: cleared {each.was}" for each in cleared if each.axis not in still]
+        lines = [f"axis {entry.axis}: cleared {entry.was}" for entry in cleared if entry.axis not in still]
         lines += [f"axis {axis}: not cleared, the cause persists: {reason}" for axis, reason in still.items()]
         unwritten = [
             f"axis {axis}: the clearing is not on the disk: latched again after a new start"
@@ -139,8 +141,8 @@ class SlaveRequests:
         ]
         return self._logged(not (still or unwritten), *lines, *unwritten)
 
-    async def _cleared(self, name: str | None) -> "Sequence[Clearing] | str":
-        """What the next tick cleared, or why that is not known."""
+    async def _clear_in_tick(self, name: str | None) -> "Sequence[Clearing] | str":
+        """Has the next tick clear; returns what it cleared, or a line on why that failed or is not known."""
         asked = self._daemon.clear(name)
         try:
             await asyncio.wait([asyncio.wrap_future(asked)], timeout=_TICK_S)
@@ -161,7 +163,7 @@ class SlaveRequests:
         return self._answer(done, *text)
 
     def _stopped(self) -> bool:
-        """Whether every axis is, and a new start would find it so."""
+        """True when every axis is stopped, and would be after a new start."""
         return all(axis.state is SafetyState.ESTOPPED and axis.latch_persisted for axis in self._daemon.axes)
 
     def _lines(self) -> list[str]:
@@ -192,12 +194,12 @@ class MasterRequests:
         return Answer(done, tuple(self._lines()), "master")
 
     def _lines(self) -> list[str]:
-        found = []
+        lines = []
         for axis in self._daemon.axes:
             slave, cause = axis.slave_state, axis.session.cause(self._clock.now_ns())
             state, reason = (slave.state.value, slave.reason) if slave else ("not heard", cause)
-            found.append(f"axis {axis.name}: {state}, {reason}")
-        return found
+            lines.append(f"axis {axis.name}: {state}, {reason}")
+        return lines
 
 
 async def _until(timeout_s: float, condition: Callable[[], bool]) -> bool:

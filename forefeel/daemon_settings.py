@@ -28,16 +28,16 @@ def load_daemon(path: Path, *roles: str) -> "SlaveSettings | MasterSettings":
 
 
 def load_any(path: Path, *roles: str) -> Settings:
-    """The settings of any of our YAML files, told apart by its `role`, one of `roles` where there are some.
+    """Loads any of our YAML files as the settings of its `role`; `roles`: those that are accepted, or all.
 
     Raises:
         ConfigurationError: one line on the first mistake.
     """
     data, lines = load_yaml(path)
-    found, expected = data.get("role"), [repr(role) for role in roles or _KINDS]
-    if repr(found) not in expected:
+    role, expected = data.get("role"), [repr(name) for name in roles or _KINDS]
+    if repr(role) not in expected:
         line = f":{lines['role',]}" if ("role",) in lines else ""
-        raise ConfigurationError(f"{path}{line}: role = {found!r}: expected {' or '.join(expected)}")
-    module, name = _KINDS[str(found)]
+        raise ConfigurationError(f"{path}{line}: role = {role!r}: expected {' or '.join(expected)}")
+    module, name = _KINDS[str(role)]
     kind: type[Settings] = getattr(import_module(module), name)
     return checked(kind, data, str(path), lines, path.parent)

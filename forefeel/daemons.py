@@ -28,7 +28,7 @@ from forefeel.common.state.folder import StateFolder, state_path
 from forefeel.common.transport.parallel import ParallelTransport
 from forefeel.common.transport.security import Party
 from forefeel.control_socket import ControlSocket, MasterRequests, SlaveRequests
-from forefeel.interrupt import heeded
+from forefeel.interrupt import signal_flag
 from forefeel.master.session import SessionState
 from forefeel.probe.configured import configured, import_drivers
 from forefeel.reachability import AnswerWatch, Probe, probe_of, silence_cause
@@ -279,7 +279,7 @@ def _process(settings: DaemonSettings, host: Host | None, connect: Connect) -> I
     runtime.host.prepare_thread(0)
     loop = asyncio.get_running_loop()
     with (
-        heeded(lambda: loop.call_soon_threadsafe(runtime.stop)),
+        signal_flag(lambda: loop.call_soon_threadsafe(runtime.stop)),
         StateFolder(state_path(settings, role, os.environ)) as folder,
     ):
         axes = [axis.name for axis in settings.axes]

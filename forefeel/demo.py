@@ -1,4 +1,4 @@
-"""The demo: a run in a vessel with causes that nobody told of, the diagnosis, a run that knows them."""
+"""The demo: a run in a vessel with hidden causes, the diagnosis, a run that knows them."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -35,7 +35,7 @@ HIDDEN: Effects = {
 
 
 def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float = RUN_S) -> None:
-    """Both runs at 300 ms of round trip with a live page, the diagnosis between them, and ten lines.
+    """Makes both runs at 300 ms of round trip with a live page, and the diagnosis between; prints ten lines.
 
     `out` has the second run; `out/first` the first, `out/diagnosis` what it taught. The second run starts
     with the model of the diagnosis, or, where that does not name what was hidden, with the first run's prior.
@@ -47,7 +47,7 @@ def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float =
     first_out, diagnosis_out = out / "first", out / "diagnosis"
     vessel, hidden, prior = out / "vessel.yaml", out / "hidden.yaml", out / "prior"
     with ends_in_order("demo", out) as written:
-        write_all(out, {each.name: _model(each.stem) for each in (vessel, hidden)}, written)
+        write_all(out, {file.name: _model(file.stem) for file in (vessel, hidden)}, written)
         rmtree(prior, ignore_errors=True)  # of an earlier demo: the first run is cold
         options = LoopbackOptions(
             seed, "paper", duration_s=duration_s, slave_model=vessel, hide=hidden, prior_dir=prior
@@ -64,16 +64,16 @@ def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float =
         judge(first)
         pages["first run"] = first_out / REPORT
         tell("2 of 3: what did the contact model lack? The diagnosis looks for it", first_out / RECORDING)
-        found = _diagnosed(first_out / RECORDING, diagnosis_out)
+        diagnosis = _diagnose(first_out / RECORDING, diagnosis_out)
         pages["diagnosis"] = diagnosis_out / PAGE
-        tell(f"3 of 3: the same vessel, starting with {_known(found)}")
+        tell(f"3 of 3: the same vessel, starting with {_start_text(diagnosis)}")
         knowing = replace(options, seed=seed + 1)
-        if _named(found):
+        if _hidden_causes(diagnosis):
             knowing = replace(knowing, master_model=diagnosis_out / MODEL, prior_dir=None)
         second = recorded_run(knowing, out, viewer, overwrite=True)
         judge(second)
     again = f"{viewer.url} shows both runs again, report and diagnosis, until {viewer.until}"
-    lines = _lines(first, found, second, out, again if viewer.url else "none")
+    lines = _lines(first, diagnosis, second, out, again if viewer.url else "none")
     show(*lines)
     pages["second run"] = out / REPORT
     viewer.stay(Chapter(head=lines[-1], recording=out / RECORDING, pages=pages))
@@ -85,7 +85,7 @@ def _model(name: str) -> str:
     return dump_mapping({"schema": SCHEMA, "name": name, "effects": listed})
 
 
-def _diagnosed(recording: Path, folder: Path) -> Diagnosis:
+def _diagnose(recording: Path, folder: Path) -> Diagnosis:
     fresh_folder(folder, FILES, EARLIER, overwrite=True)
     result, page = examine(Task(recording), stages("diagnosis"))
     save(folder, result, [])
@@ -93,17 +93,17 @@ def _diagnosed(recording: Path, folder: Path) -> Diagnosis:
     return result.diagnosis
 
 
-def _lines(first: RunReport, found: Diagnosis, second: RunReport, out: Path, page: str) -> list[str]:
-    """Ten at most; the last is what all of it is for."""
+def _lines(first: RunReport, diagnosis: Diagnosis, second: RunReport, out: Path, page: str) -> list[str]:
+    """Lines for the terminal, ten at most; the last has the felt errors of both runs."""
     before, after = (run.transparency or Transparency() for run in (first, second))
     late, felt, now = (quantity(error.rms_n, "N") for error in (before.held, before.felt, after.felt))
     last = f"Felt error  {late} if the late force were shown; {felt} in the first run; {now} now"
     hidden = (f"{name}: {', '.join(map(_value, values, values.values()))}" for name, values in HIDDEN.items())
     return [
-        f"First run   {quantity(first.delay_s.p50, 's')} away, nothing known: {_within(before)}",
+        f"First run   {quantity(first.delay_s.p50, 's')} away, nothing known: {_jnd_text(before)}",
         f"Hidden      {'; '.join(hidden)}",
-        f"Diagnosis   {_found(found)}",
-        f"Second run  starts with {_known(found)}: {_within(after)}",
+        f"Diagnosis   {_diagnosis_text(diagnosis)}",
+        f"Second run  starts with {_start_text(diagnosis)}: {_jnd_text(after)}",
         f"Files       report.html, report.json, {RECORDING} in {out}; first and diagnosis beside them",
         f"Page        {page}",
         f"Next        forefeel diagnose {out / RECORDING} --out {out / 'again'}, or your.csv in its place",
@@ -112,22 +112,22 @@ def _lines(first: RunReport, found: Diagnosis, second: RunReport, out: Path, pag
     ]
 
 
-def _within(score: Transparency) -> str:
+def _jnd_text(score: Transparency) -> str:
     return f"{share(score.within_jnd)} of the time no hand could tell the felt force from the true one"
 
 
-def _named(found: Diagnosis) -> list[Cause]:
-    return [cause for cause in found.causes if cause.name in HIDDEN]
+def _hidden_causes(diagnosis: Diagnosis) -> list[Cause]:
+    return [cause for cause in diagnosis.causes if cause.name in HIDDEN]
 
 
-def _known(found: Diagnosis) -> str:
-    return "the model of the diagnosis" if _named(found) else "what the first run has learned"
+def _start_text(diagnosis: Diagnosis) -> str:
+    return "the model of the diagnosis" if _hidden_causes(diagnosis) else "what the first run has learned"
 
 
-def _found(found: Diagnosis) -> str:
-    named = _named(found)
+def _diagnosis_text(diagnosis: Diagnosis) -> str:
+    named = _hidden_causes(diagnosis)
     if not named:
-        return f"{found.verdict}; it names nothing that was hidden"
+        return f"{diagnosis.verdict}; it names nothing that was hidden"
     values = (f"{c.name}: {', '.join(map(str, starmap(shown, c.parameters.items())))}" for c in named)
     how_many = "all of it" if len(named) == len(HIDDEN) else f"{len(named)} of {len(HIDDEN)}"
     return f"names {how_many}, {'; '.join(values)}"

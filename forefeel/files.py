@@ -1,4 +1,4 @@
-"""Where a command writes: a folder for its results, and files that are there whole or not at all."""
+"""Output of a command: a folder for its results, and files that are there whole or not at all."""
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
@@ -8,7 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 
 from forefeel.common.errors import ConfigurationError, RunError
-from forefeel.interrupt import at_last, heeded
+from forefeel.interrupt import at_last, signal_flag
 
 
 def fresh_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) -> None:
@@ -52,12 +52,12 @@ def check_new_file(out: Path, suffixes: Sequence[str], expected: str, overwrite:
 
 
 def write_all(folder: Path, texts: Mapping[str, str], written: list[str]) -> None:
-    """Every text to its file, in order, and its name to `written`; a signal waits until all are there.
+    """Writes each text to its file, in order, and adds its name to `written`; a signal waits until all are.
 
     Raises:
         RunError: one can not be written.
     """
-    with heeded():
+    with signal_flag():
         for name, text in texts.items():
             write_whole(folder / name, text)
             written.append(name)
@@ -70,7 +70,7 @@ def write_whole(path: Path, text: str, what: str = "the report") -> None:
 
 @contextmanager
 def whole(path: Path, what: str) -> Iterator[Path]:
-    """What the body writes beside the file comes in its place: a reader sees the old file or the new one.
+    """Gives a path beside the file, and puts what the body wrote there in its place at once.
 
     Raises:
         RunError: it can not be written.

@@ -1,7 +1,7 @@
 """SIGINT, SIGTERM and SIGHUP alike end a command in order.
 
 Their handler raises nothing, for it may run inside a callback of a library that swallows what is raised.
-Where nothing has to be closed it ends the process in place (`ends_in_order`); in `heeded` the body looks
+Where nothing has to be closed it ends the process in place (`ends_in_order`); in `signal_flag` the body looks
 whether a signal came. Before and after both the system ends the process.
 """
 
@@ -25,22 +25,22 @@ _ONE_S = 0.5
 
 
 class Stop:
-    """Whether the command is to end; `heeded` gives it."""
+    """Signals that came, and what they end; `signal_flag` gives it."""
 
     def __init__(self) -> None:
-        self.heeded: list[Callable[[], object] | None] = []
+        self.handlers: list[Callable[[], object] | None] = []
         self.last: list[Callable[[], object]] = []
         self.texts: list[Callable[[], str]] = []
         self.begin()
 
     def begin(self) -> None:
         self.first_s: float | None = None
-        self.seen = self.breaks = False
+        self.noticed = self.breaks = False
 
     def wanted(self) -> bool:
-        """Whether a signal came; whoever asks ends in order."""
-        self.seen = self.first_s is not None
-        return self.seen
+        """True once a signal came; who asks is taken to end in order."""
+        self.noticed = self.first_s is not None
+        return self.noticed
 
     def polls(self, duration_s: float | None, every_s: float = 0.0) -> Iterator[None]:
         """Yields every so often, until a signal came or the duration is over; 0: at once again."""
@@ -56,22 +56,23 @@ class Stop:
             raise KeyboardInterrupt
 
     def handle(self, _number: int, _frame: FrameType | None) -> None:
+        """Handles a signal as the innermost body wants; without one, or at the second, ends the process."""
         now_s, again = time.monotonic(), self.first_s is not None
         if self.first_s is not None and now_s - self.first_s < _ONE_S:
             return
         self.first_s = self.first_s or now_s
-        tell = self.heeded[-1] if self.heeded else None
-        self.seen = self.breaks or tell is not None
+        on_signal = self.handlers[-1] if self.handlers else None
+        self.noticed = self.breaks or on_signal is not None
         if self.breaks:
             self.breaks = False
             raise KeyboardInterrupt
-        if tell is not None:
-            tell()
-        elif again or not self.heeded:
+        if on_signal is not None:
+            on_signal()
+        elif again or not self.handlers:
             self.end()
 
     def end(self) -> None:
-        """Takes away what is half made, says so and leaves; the rest of the main thread does not happen."""
+        """Does the acts of `at_last`, says what is left and exits; the main thread does nothing more."""
         for number in SIGNALS:
             signal.signal(number, signal.SIG_DFL)
         text = self.texts[-1]() if self.texts else "interrupted"
@@ -86,34 +87,34 @@ _stop = Stop()
 
 
 @contextmanager
-def heeded(tell: Callable[[], object] | None = None) -> Iterator[Stop]:
-    """The body looks whether a signal came; a later one ends it at once.
+def signal_flag(on_signal: Callable[[], object] | None = None) -> Iterator[Stop]:
+    """Sets a flag at the first signal, for which the body asks `Stop`; a second one ends the process at once.
 
-    When it did not look, or writes what is to be there whole, the signal waits for the end of the body.
+    A signal that the body did not ask for ends the process after the outermost body, whose files are whole.
 
     Args:
-        tell: called at each signal instead; no signal cuts such a body short. It is called wherever the main
-            thread is, so it must not wait for anything.
+        on_signal: called at each signal instead; no signal cuts such a body short. It is called wherever the
+            main thread is, so it must not wait for anything.
     """
-    with _handled():
-        _stop.heeded.append(tell)
+    with _handler_installed():
+        _stop.handlers.append(on_signal)
         try:
             yield _stop
         finally:
-            _stop.heeded.pop()
-        if _stop.first_s is not None and not _stop.seen and not _stop.heeded:
+            _stop.handlers.pop()
+        if _stop.first_s is not None and not _stop.noticed and not _stop.handlers:
             _stop.end()
 
 
 @contextmanager
 def breakable(ended: str) -> Iterator[None]:
-    """The first signal raises KeyboardInterrupt in the body: for devices and persons that are waited for in
-    plain Python, where nothing swallows it. No later one cuts the end of the body short.
+    """Raises KeyboardInterrupt in the body at the first signal: for devices and persons that are waited for
+    in plain Python, where nothing swallows it. No later one cuts the end of the body short.
 
     Raises:
         RunError: a signal came; `ended` says what it ended.
     """
-    with heeded(lambda: None):
+    with signal_flag(lambda: None):
         _stop.breaks = True
         try:
             yield
@@ -136,7 +137,7 @@ def at_last(act: Callable[[], object]) -> Iterator[None]:
 
 @contextmanager
 def ends_in_order(what: str, folder: Path | None = None) -> Iterator[list[str]]:
-    """A signal in the body ends it as a run that failed, in one line that says what is left.
+    """Turns a signal in the body into a failed run, in one line that says which files are left.
 
     Args:
         what: what is interrupted, in words.
@@ -161,7 +162,7 @@ def ends_in_order(what: str, folder: Path | None = None) -> Iterator[list[str]]:
             with suppress(OSError):  # not empty, or not made yet
                 path.rmdir()
 
-    with _handled(), at_last(remove_empty):
+    with _handler_installed(), at_last(remove_empty):
         _stop.texts.append(left)
         try:
             yield written
@@ -181,14 +182,14 @@ def leave(code: int) -> NoReturn:
 
 
 @contextmanager
-def _handled() -> Iterator[None]:
-    """Installs the handler; the outermost body begins without a signal. `nohup` is respected."""
+def _handler_installed() -> Iterator[None]:
+    """Installs the handler for the outermost body, which begins without a signal; `nohup` is respected."""
     if signal.getsignal(signal.SIGINT) == _stop.handle:
         yield
         return
     _stop.begin()
-    heard = [each for each in SIGNALS if each != signal.SIGHUP or signal.getsignal(each) != signal.SIG_IGN]
-    before = {number: signal.signal(number, _stop.handle) for number in heard}
+    handled = [n for n in SIGNALS if n != signal.SIGHUP or signal.getsignal(n) != signal.SIG_IGN]
+    before = {number: signal.signal(number, _stop.handle) for number in handled}
     try:
         yield
     finally:

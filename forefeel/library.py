@@ -66,7 +66,7 @@ class Model:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Diagnosis:
-    """What a simulation of mass, damper and spring gets wrong; `print` says it in ten lines.
+    """Errors of a simulation of mass, damper and spring, and their causes; `print` says it in ten lines.
 
     Attributes:
         recording: what was diagnosed, several as one.
@@ -126,7 +126,7 @@ def diagnose(
     model: str | Path | None = None,
     as_is: bool = False,
 ) -> Diagnosis:
-    """What the simulation of a recording gets wrong, and which causes explain it.
+    """Finds what the simulation of a recording gets wrong, and which causes explain it.
 
     Args:
         recording: a `Recording`, or what `load` takes.
@@ -138,7 +138,7 @@ def diagnose(
         RecordingError: it can not be diagnosed, or its units are not plausible.
     """
     given = None if model is None else load_model(Path(model))
-    recordings = [_recording(each, force=True) for each in (recording, *beside)]
+    recordings = [_recording(source, force=True) for source in (recording, *beside)]
     with threadpool_limits(1):  # the arrays are small, and threads would wait
         return diagnosed(recordings, given=given, as_is=as_is)
 
@@ -184,23 +184,23 @@ def diagnosed(
     given: ContactModel | None = None,
     as_is: bool = False,
 ) -> Diagnosis:
-    """As `diagnose`; `progress` is told each stage before it starts."""
-    with units_of(*[each.columns for each in recordings]):
+    """Diagnoses recordings of one bench as `diagnose` does; `progress` gets each stage before it starts."""
+    with units_of(*[source.columns for source in recordings]):
         for recording in recordings:
             if not as_is and (asked := question(recording)) is not None:
                 raise _doubt(recording, asked)
-        found = _diagnose(recordings[0], progress, given, recordings[1:])
-        lines = answer(found.recording, found.diagnosis, None, None if given is None else given.name)
-    named = found.diagnosis.verdict == "cause_found"
-    title = f"{found.recording.name}, extended by its diagnosis"
+        details = _diagnose(recordings[0], progress, given, recordings[1:])
+        lines = answer(details.recording, details.diagnosis, None, None if given is None else given.name)
+    named = details.diagnosis.verdict == "cause_found"
+    title = f"{details.recording.name}, extended by its diagnosis"
     if not named:  # a model of a recording whose cause is not named is no finding
-        title = f"{found.recording.name}, {found.diagnosis.verdict}: mass, damper, spring and bias"
-    model = extended_model(found.analysis if named else found.analysis.baseline(), title)
-    return Diagnosis(found.recording, Model(model), tuple(lines), found)
+        title = f"{details.recording.name}, {details.diagnosis.verdict}: mass, damper, spring and bias"
+    model = extended_model(details.analysis if named else details.analysis.baseline(), title)
+    return Diagnosis(details.recording, Model(model), tuple(lines), details)
 
 
 def _doubt(recording: Recording, asked: Question) -> RecordingError:
-    """The question, with the unit that answers it where there is one."""
+    """Error that asks about a doubtful quantity, with the unit in which it would be usual if there is one."""
     text = recording.columns.get(asked.quantity)
     column, unit = parse_column(asked.quantity, text) if text else (asked.quantity, "")
     other = rescaled(asked.quantity, unit, asked.factor) if text else None
@@ -212,7 +212,7 @@ def _doubt(recording: Recording, asked: Question) -> RecordingError:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Evaluation:
-    """How well the force is predicted across a delay, with what has arrived; `print` gives a table.
+    """Errors of each method that predicts the force across a delay; `print` gives a table.
 
     Attributes:
         delay_s: from a motion to the arrival of its force.
@@ -227,8 +227,8 @@ class Evaluation:
     @property
     def ratio(self) -> float | None:
         """The error of the prediction over that of the zero-order hold."""
-        own, held = self.rms_n["forefeel"], self.rms_n["zoh"]
-        return own / held if own is not None and held else None
+        predicted_n, held_n = self.rms_n["forefeel"], self.rms_n["zoh"]
+        return predicted_n / held_n if predicted_n is not None and held_n else None
 
     def __str__(self) -> str:
         with units_of(self.details.prepared.recording.columns):
@@ -260,8 +260,8 @@ def evaluate(
         RecordingError: no force, or too short.
     """
     prepared = prepare(_recording(recording, force=True), DelayedLink(delay_s, jitter_s, loss, seed))
-    found = _evaluate(prepared, None if model is None else load_model(Path(model)))
-    return Evaluation(delay_s, {name: score.size.rms_n for name, score in found.scores.items()}, found)
+    details = _evaluate(prepared, None if model is None else load_model(Path(model)))
+    return Evaluation(delay_s, {name: score.size.rms_n for name, score in details.scores.items()}, details)
 
 
 def _recording(source: Any, force: bool | None = None) -> Recording:  # noqa: ANN401 - see `load`

@@ -22,7 +22,7 @@ from forefeel.common.messages import LoopTiming, MasterState, Message, SafetySta
 from forefeel.common.topics import MASTER_STATE, MASTER_TIMING, SLAVE_STATE, SLAVE_TIMING, parse_key
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import ZenohTransport
-from forefeel.interrupt import heeded
+from forefeel.interrupt import signal_flag
 from forefeel.network_settings import ObserverSettings
 from forefeel.reachability import cell_watch
 from forefeel.terminal import say
@@ -63,7 +63,7 @@ class CellMetrics(Collector):
         self._newest: dict[tuple[str, str], tuple[Message, int]] = {}
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        """A payload from the network; what is no state is counted only."""
+        """Counts a payload from the network, and stores a state; ignores axes beyond `_MOST_AXES`."""
         parsed = parse_key(key)
         if parsed is None:
             return
@@ -82,44 +82,48 @@ class CellMetrics(Collector):
                 self.malformed += 1
 
     def collect(self) -> Iterator[Metric]:
-        found, now_ns = Families(), self._clock.now_ns()
+        families, now_ns = Families(), self._clock.now_ns()
         with self._lock:
             for (axis, topic), count in sorted(self._counts.items()):
-                found.counter("messages", "heard here", count, axis=axis, topic=topic)
-            found.counter("malformed", "payloads that were no message", self.malformed)
+                families.counter("messages", "heard here", count, axis=axis, topic=topic)
+            families.counter("malformed", "payloads that were no message", self.malformed)
             for (axis, topic), (message, receive_ns) in sorted(self._newest.items()):
                 age_s = (now_ns - receive_ns) * 1e-9
-                found.gauge("state_age_seconds", "since the newest", age_s, axis=axis, topic=topic)
-                _add(found, axis, topic.partition("/")[0], message)
-        yield from found.values()
+                families.gauge("state_age_seconds", "since the newest", age_s, axis=axis, topic=topic)
+                _add(families, axis, topic.partition("/")[0], message)
+        yield from families.values()
 
 
-def _add(found: Families, axis: str, role: str, message: Message) -> None:
+def _add(families: Families, axis: str, role: str, message: Message) -> None:
+    """Adds the samples of a state or of a loop's timing."""
     match message:
         case SlaveState():
-            for each in SafetyState:
-                in_it = float(message.state is each)
-                found.gauge("safety_state", "1 for the one it is in", in_it, axis=axis, state=each.value)
-            found.counter("stops", "out of motion, asked for by nobody", message.stops, axis=axis)
-            found.gauge("position_metres", "the stage's readback", message.position_m, axis=axis)
-            found.gauge("velocity_metres_per_second", "the stage's readback", message.velocity_m_s, axis=axis)
+            for state in SafetyState:
+                in_it = float(message.state is state)
+                families.gauge("safety_state", "1 for the one it is in", in_it, axis=axis, state=state.value)
+            families.counter("stops", "out of motion, asked for by nobody", message.stops, axis=axis)
+            families.gauge("position_metres", "the stage's readback", message.position_m, axis=axis)
+            families.gauge(
+                "velocity_metres_per_second", "the stage's readback", message.velocity_m_s, axis=axis
+            )
         case MasterState():
-            found.gauge("indication", "1: what it shows", 1.0, axis=axis, indication=message.indication)
-            found.gauge("deadman", "1: pressed", float(message.deadman), axis=axis)
+            families.gauge("indication", "1: what it shows", 1.0, axis=axis, indication=message.indication)
+            families.gauge("deadman", "1: pressed", float(message.deadman), axis=axis)
         case LoopTiming():
-            _add_loop(found, message, axis=axis, role=role, loop=message.loop)
+            _add_loop(families, message, axis=axis, role=role, loop=message.loop)
     if isinstance(message, SlaveState | MasterState):
         for name, count in sorted(message.counters.items()):
-            found.counter("counter", "its own counters", count, axis=axis, role=role, name=name)
+            families.counter("counter", "its own counters", count, axis=axis, role=role, name=name)
         for family, value_ns, text in (
             ("clock_offset_seconds", message.clock_offset_ns, "the other clock minus its own"),
             ("clock_bound_seconds", message.clock_bound_ns, "how far that may be off"),
         ):
             if value_ns is not None:
-                found.gauge(family, text, value_ns * 1e-9, axis=axis, role=role)
+                families.gauge(family, text, value_ns * 1e-9, axis=axis, role=role)
 
 
-def _add_loop(found: Families, timing: LoopTiming, **labels: str) -> None:
+def _add_loop(families: Families, timing: LoopTiming, **labels: str) -> None:
+    """Adds lateness as a histogram in s, its sum from the middles of the bins, and the missed ticks."""
     ends = [*(f"{edge * 1e-6:g}" for edge in timing.edges_us), "+Inf"]
     buckets = list(zip(ends, accumulate(timing.counts), strict=False))
     mean_s = sum(
@@ -127,12 +131,12 @@ def _add_loop(found: Families, timing: LoopTiming, **labels: str) -> None:
         for low, high, count in zip((0.0, *timing.edges_us), timing.edges_us, timing.counts, strict=False)
     )
     name = "loop_lateness_seconds"
-    found.add(HistogramMetricFamily, name, "of its ticks", (buckets, mean_s), **labels)
-    found.counter("loop_missed", "deadlines that were skipped", timing.missed, **labels)
+    families.add(HistogramMetricFamily, name, "of its ticks", (buckets, mean_s), **labels)
+    families.counter("loop_missed", "deadlines that were skipped", timing.missed, **labels)
 
 
 def serve(collector: Collector, address: str, port: int) -> tuple[WSGIServer, threading.Thread]:
-    """The port; `shutdown` of the server ends it.
+    """Serves the metrics at a port; `shutdown` of the server ends it.
 
     Raises:
         EndpointError: it can not be opened.
@@ -160,7 +164,7 @@ def run_metrics(
     try:
         party = Party("viewer", (settings.cell,))
         transport = ZenohTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
-        with heeded() as stop, closing(transport):
+        with signal_flag() as stop, closing(transport):
             transport.subscribe_all(f"forefeel/{settings.cell}", collector.hear)
             if transport.notice:
                 say(transport.notice)

@@ -22,7 +22,7 @@ from forefeel.common.transport.endpoints import address
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
-from forefeel.interrupt import Stop, at_last, ends_in_order, heeded
+from forefeel.interrupt import Stop, at_last, ends_in_order, signal_flag
 from forefeel.terminal import say
 
 if TYPE_CHECKING:
@@ -82,7 +82,7 @@ class Recorder:
 
     @property
     def missed(self) -> dict[str, int]:
-        """What was heard and does not stand in the file, by reason."""
+        """Messages that were received and are not in the file, by reason."""
         return {"lost": self._queue.dropped, "malformed": self._writer.malformed}
 
     def close(self) -> None:
@@ -111,6 +111,7 @@ class Recorder:
         self._error = self._error or error
 
     def _run(self) -> None:
+        """Writes what has come every 25 ms until `close`; keeps the first error for `check`."""
         try:
             with self._writer:
                 while not self._closing.wait(_WRITE_EVERY_S):
@@ -130,11 +131,11 @@ class Recorder:
             if parsed is None or not parsed[2].recorded:
                 continue
             try:
-                heard = observed(parsed[2], payload, receive_ns)
+                entries = observed(parsed[2], payload, receive_ns)
             except CodecError:
                 self._writer.malformed += 1
                 continue
-            for message, message_ns in heard:
+            for message, message_ns in entries:
                 self._writer.write_message(key, message, message_ns)
 
 
@@ -159,7 +160,7 @@ def run_record(
 
     with ends_in_order("recording"), at_last(drop_empty):
         recorder = Recorder(out, cell, settings.transport, {"cell": cell}, party, insecure)
-        with heeded() as stop, closing(recorder):
+        with signal_flag() as stop, closing(recorder):
             if recorder.transport.notice:
                 say(recorder.transport.notice)
             say(f"recording cell {cell} to {out}; Ctrl-C ends")
@@ -176,6 +177,7 @@ def run_record(
 def _wait(
     recorder: Recorder, settings: "ObserverSettings", party: Party, duration_s: float | None, stop: Stop
 ) -> None:
+    """Waits for a signal or the duration; says who is not heard, raises RunError when recording fails."""
     from forefeel.reachability import cell_watch  # noqa: PLC0415 - a loopback needs none
 
     look = cell_watch(settings.transport, party, recorder.transport, MonotonicClock())

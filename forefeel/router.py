@@ -10,14 +10,14 @@ from forefeel.common.runtime.realtime import raise_descriptor_limit
 from forefeel.common.runtime.service_manager import service_watchdog
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import open_session
-from forefeel.interrupt import Stop, heeded
+from forefeel.interrupt import Stop, signal_flag
 from forefeel.network_settings import RouterSettings
 from forefeel.terminal import say
 
 _POLL_S = 0.2
 _PRIORITY = 30
 """Of SCHED_FIFO where it is granted, as the daemons' own transports: a command waits for no other program."""
-_KEPT_EVENTS = 1024  # of links that wait for a look
+_MOST_EVENTS = 1024  # of links that wait for a look
 
 
 def run_router(settings: RouterSettings, duration_s: float | None = None, insecure: bool = False) -> None:
@@ -31,7 +31,7 @@ def run_router(settings: RouterSettings, duration_s: float | None = None, insecu
     HOST.prepare_thread(_PRIORITY)  # Zenoh's threads inherit it
     party = Party("router", settings.cells)
     session, notice = open_session(settings.transport, "router", party, insecure=insecure, real_stage=False)
-    with heeded() as stop:
+    with signal_flag() as stop:
         with session:
             _greet(settings, notice)
             _watch(session, duration_s, stop)
@@ -48,7 +48,8 @@ def _greet(settings: RouterSettings, notice: str) -> None:
 
 
 def _watch(session: zenoh.Session, duration_s: float | None, stop: Stop) -> None:
-    channel: zenoh.handlers.RingChannel[zenoh.LinkEvent] = zenoh.handlers.RingChannel(_KEPT_EVENTS)
+    """Says whose link comes or goes, until a signal or the duration."""
+    channel: zenoh.handlers.RingChannel[zenoh.LinkEvent] = zenoh.handlers.RingChannel(_MOST_EVENTS)
     looks = count(1)
     attend = service_watchdog(lambda: "routing", lambda: next(looks))
     with session.info.declare_link_events_listener(channel, history=True) as links:

@@ -1,4 +1,4 @@
-"""How a command speaks: the answer on stdout; progress, remarks and errors on stderr.
+"""Output of a command: the answer on stdout; progress, remarks and errors on stderr.
 
 Text from outside is never markup. Colours and bars are for a terminal only (and NO_COLOR takes the colours);
 elsewhere stderr gets plain lines. `--json` and `--quiet` are set with `output`, where a command begins.
@@ -19,12 +19,11 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 Show = Callable[[float, str], None]
-_CLEAR = b"\r\x1b[2K\x1b[?25h"
-"""Takes a bar from a terminal and gives the cursor back."""
+_CLEAR = b"\r\x1b[2K\x1b[?25h"  # takes a bar from a terminal and gives the cursor back
 PLAIN_WIDTH = 160
 """Columns of a table where there is no terminal."""
 SHADES = {"green": "green", "amber": "yellow", "red": "bold red"}
-"""How a level of `forefeel doctor`, of a certificate and of a line on stderr is coloured."""
+"""Colour of a level of `forefeel doctor`, of a certificate and of a line on stderr."""
 
 
 class _Mode:
@@ -37,7 +36,7 @@ _mode = _Mode()
 
 @contextmanager
 def output(as_json: bool = False, quiet: bool = False) -> Iterator[None]:
-    """How the body speaks, in every thread. `as_json`: the answer is its document. `quiet`: errors only."""
+    """Sets how the body prints, in every thread. `as_json`: the answer as document; `quiet`: errors only."""
     before = _mode.as_json, _mode.quiet
     _mode.as_json, _mode.quiet = as_json, quiet
     try:
@@ -47,13 +46,13 @@ def output(as_json: bool = False, quiet: bool = False) -> Iterator[None]:
 
 
 def say(text: str) -> None:
-    """A remark: one line on stderr."""
+    """Prints a remark: one line on stderr, none with `--quiet`."""
     if not _mode.quiet:
         ask(text)
 
 
 def suggest(*words: object, head: str = "next", **options: object) -> None:
-    """A remark: the command to type next, as it stands; none beside a document.
+    """Prints a remark: the command to type next, as it stands; none beside a document.
 
     Args:
         head: when, or where, it is to be typed.
@@ -61,24 +60,21 @@ def suggest(*words: object, head: str = "next", **options: object) -> None:
     """
     line = ["forefeel", *words]
     for name, value in options.items():
-        for each in value if isinstance(value, list) else [value]:
-            if each is not None and each is not False:
-                line += [f"--{name.replace('_', '-')}", each][: 1 if each is True else 2]
+        for item in value if isinstance(value, list) else [value]:
+            if item is not None and item is not False:
+                line += [f"--{name.replace('_', '-')}", item][: 1 if item is True else 2]
     if not _mode.as_json:
         say(f"{head}: {shlex.join(map(str, line))}")
 
 
 def ask(text: str) -> None:
-    """A line on stderr that stands even with `--quiet`, for somebody has to act on it.
-
-    Nobody hears it where the terminal has gone; whoever speaks does what has to be done all the same.
-    """
+    """Prints a line on stderr, even with `--quiet`: somebody has to act on it. No error without terminal."""
     with suppress(OSError):
         print(printable(text), file=sys.stderr, flush=True)
 
 
 def complain(text: str) -> None:
-    """An error in one line, whatever `text` is broken into."""
+    """Prints an error in one line, whatever `text` is broken into."""
     _headed("forefeel:", SHADES["red"], text)
 
 
@@ -89,19 +85,20 @@ def flush() -> None:
 
 
 def last_word(text: str) -> None:
-    """An error of a process that ends here and now, wherever it is: nothing of Python's streams is used."""
+    """Prints the error of a process that ends at once, wherever it is, without Python's streams."""
     terminal = os.isatty(2)
     with suppress(OSError):
         os.write(2, (_CLEAR if terminal else b"") + f"forefeel: {printable(text)}\n".encode())
 
 
 def warn(text: str) -> None:
-    """One line on stderr about what works with less than it should."""
+    """Prints a line on stderr about what works with less than it should."""
     if not _mode.quiet:
         _headed("amber:", SHADES["amber"], text)
 
 
 def _headed(head: str, style: str, text: str) -> None:
+    """Prints a text in one line on stderr, behind a head that is coloured on a terminal."""
     line = f" {printable(' '.join(text.splitlines()))}"
     if not sys.stderr.isatty():
         ask(f"{head}{line}")
@@ -113,21 +110,21 @@ def _headed(head: str, style: str, text: str) -> None:
 
 
 def answer(*parts: "RenderableType", document: Callable[[], object]) -> None:
-    """The answer on stdout: tables, texts and lines; with `--json` the document alone.
+    """Prints the answer on stdout: tables, texts and lines; with `--json` the document alone.
 
     Args:
         parts: each begins a line of its own; lines are not wrapped, tables fit the terminal.
         document: gives what JSON can hold, or the text of a JSON document.
     """
     if _mode.as_json:
-        found = document()
-        print(found.rstrip("\n") if isinstance(found, str) else json.dumps(found, indent=2), flush=True)
+        content = document()
+        print(content.rstrip("\n") if isinstance(content, str) else json.dumps(content, indent=2), flush=True)
     else:
         show(*parts)
 
 
 def show(*parts: "RenderableType") -> None:
-    """Tables, texts and lines on stdout, of an answer that comes in pieces or has no document."""
+    """Prints tables, texts and lines on stdout, of an answer that comes in pieces or has no document."""
     if _mode.as_json or _mode.quiet or not parts:
         return
     shown = console(sys.stdout)
@@ -139,7 +136,7 @@ def show(*parts: "RenderableType") -> None:
 
 
 def console(stream: IO[str]) -> "Console":
-    """For one stream of this process; a variable of the environment makes no terminal of what is none."""
+    """Console of a stream; a variable of the environment makes no terminal of what is none."""
     from rich.console import Console  # noqa: PLC0415 - a daemon and an emergency stop start without rich
 
     terminal = stream.isatty()
@@ -166,8 +163,8 @@ def table(*columns: str, title: str | None = None, right: Sequence[str] = ()) ->
 
 @contextmanager
 def bar(total: float, count: str = "{task.completed:.0f} / {task.total:.0f}") -> Iterator[Show]:
-    """A bar on a terminal at stderr, and a function that is given how much of the total is done, and what is
-    going on. It goes when it is done; an answer meanwhile goes to stdout, where that is no terminal.
+    """Bar on a terminal at stderr; gives a function that takes how much of the total is done, and what is
+    going on. The bar goes when it is done; an answer meanwhile goes to stdout, where that is no terminal.
     """
     if _mode.quiet or not sys.stderr.isatty():
         yield lambda _done, _what: None

@@ -26,18 +26,19 @@ def check(
             _verdict(file, settings)
 
 
-def _verdict(file: Path, found: Any) -> None:  # noqa: ANN401 - settings of any role
-    role, pki = found.role, found.transport.pki
-    cells = found.cells if role == "router" else [found.cell]
-    axes = "".join(f", axis {axis.name}{axis.limits.meaning}" for axis in getattr(found, "axes", ()))
+def _verdict(file: Path, settings: Any) -> None:  # noqa: ANN401 - settings of any role
+    """Says that the file is valid, what it allows, its caveats, and the next command."""
+    role, pki = settings.role, settings.transport.pki
+    cells = settings.cells if role == "router" else [settings.cell]
+    axes = "".join(f", axis {axis.name}{axis.limits.meaning}" for axis in getattr(settings, "axes", ()))
     links = f"certificates in {pki}" if pki else "no certificates"
-    if not (found.transport.listen or found.transport.connect):
+    if not (settings.transport.listen or settings.transport.connect):
         links = "no endpoint yet: add one to transport.listen or transport.connect"
     say(f"Verdict  valid: {role} of {'cells' if cells[1:] else 'cell'} {', '.join(cells)}{axes}; {links}")
-    for axis in getattr(found, "axes", ()):
+    for axis in getattr(settings, "axes", ()):
         for caveat in axis.caveats:
             say(f"         axis {axis.name}: {caveat}")
-    for axis in found.axes if role == "slave" else ():
+    for axis in settings.axes if role == "slave" else ():
         say(f"Axis {axis.name}  {claim(axis.limits, axis.reaction())}, as measured when it arms")
     command = _NEXT.get(role, role)
     suggest(command, config=file, out="run.mcap" if command == "record" else None)

@@ -45,14 +45,14 @@ def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     port: Port = 8600,
     opens: Open = False,
     vessel: Vessel = None,
-    told: Annotated[bool, typer.Option("--told", hidden=True)] = False,
+    chapters: Annotated[bool, typer.Option("--told", hidden=True)] = False,
     quiet: Quiet = False,
 ) -> None:
     from forefeel.dashboard.vessel import vessel_of  # noqa: PLC0415 - the help needs none of it
     from forefeel.network_settings import observer  # noqa: PLC0415
 
-    found, drawn = observer(config, cell, connect or [], pki, through_router), vessel_of(vessel)
+    settings, drawn = observer(config, cell, connect or [], pki, through_router), vessel_of(vessel)
     with extra("dashboard", *PACKAGES):
         from forefeel.dashboard.server import run_dashboard  # noqa: PLC0415
     with output(quiet=quiet):
-        run_dashboard(found, address, port, insecure, opens, drawn, sys.stdin if told else None)
+        run_dashboard(settings, address, port, insecure, opens, drawn, sys.stdin if chapters else None)

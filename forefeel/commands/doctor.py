@@ -32,17 +32,17 @@ def doctor(
 
     with output(as_json, quiet):
         findings = examine(config or [], HostProbe(), say, os.environ)
-        counts = {level: Counter(each.level for each in findings)[level] for level in LEVELS}
+        counts = {level: Counter(finding.level for finding in findings)[level] for level in LEVELS}
         worst = next((level for level in reversed(LEVELS) if counts[level]), "green")
         shown = table("", "group", "what", "found", "what to do")
-        for each in findings:
-            words = map(Text, (each.group, each.subject, each.found, each.advice))
-            shown.add_row(Text(each.level, SHADES[each.level]), *words)
+        for finding in findings:
+            words = map(Text, (finding.group, finding.subject, finding.found, finding.advice))
+            shown.add_row(Text(finding.level, SHADES[finding.level]), *words)
         document = {
             "schema": "forefeel.doctor/1",
             "worst": worst,
             "counts": counts,
-            "findings": [asdict(each) for each in findings],
+            "findings": [asdict(finding) for finding in findings],
         }
         answer(shown, ", ".join(f"{n} {level}" for level, n in counts.items()), document=lambda: document)
         if worst == "red":

@@ -11,8 +11,8 @@ from forefeel.commands.options import examples
 from forefeel.local import estop as stops
 
 
-def _typed(parser: OptionParser, act: Callable[..., None]) -> Callable[..., None]:
-    """`act` as a command of typer with the parser's options."""
+def _typer_command(parser: OptionParser, act: Callable[..., None]) -> Callable[..., None]:
+    """Function for typer that calls `act` with the parser's options."""
 
     def command(**options: object) -> None:
         act(**options)
@@ -20,18 +20,19 @@ def _typed(parser: OptionParser, act: Callable[..., None]) -> Callable[..., None
     kinds = {"store": str | None, "append": list[str] | None, "store_true": bool}
     parameters = [
         Parameter(
-            each.dest,
+            option.dest,
             Parameter.KEYWORD_ONLY,
-            default=parser.defaults[each.dest],
+            default=parser.defaults[option.dest],
             annotation=Annotated[
-                kinds[each.action], typer.Option(each.get_opt_string(), metavar=each.metavar, help=each.help)
+                kinds[option.action],
+                typer.Option(option.get_opt_string(), metavar=option.metavar, help=option.help),
             ],
         )
-        for each in parser.option_list
-        if each.dest
+        for option in parser.option_list
+        if option.dest
     ]
     setattr(command, "__signature__", Signature(parameters))  # noqa: B010 - of no type that has it
     return command
 
 
-estop = examples(*stops.EXAMPLES)(_typed(stops.PARSER, stops.estop))
+estop = examples(*stops.EXAMPLES)(_typer_command(stops.PARSER, stops.estop))

@@ -36,6 +36,6 @@ def metrics(  # noqa: PLR0913, PLR0917 - one parameter per option
 
     with extra("metrics", "prometheus_client"):
         from forefeel.metrics import run_metrics  # noqa: PLC0415
-    found = observer(config, cell, connect or [], pki, through_router)
+    settings = observer(config, cell, connect or [], pki, through_router)
     with output(quiet=quiet):
-        run_metrics(found, address, port, duration, insecure)
+        run_metrics(settings, address, port, duration, insecure)

@@ -45,7 +45,7 @@ Quiet = Annotated[bool, typer.Option("--quiet", help="Say errors only.")]
 
 
 def number(metavar: str, low: float, high: float, text: str) -> Any:  # noqa: ANN401 - typer's
-    """An option that takes a number of that range; nan is none."""
+    """Option of typer for a number from `low` to `high`; nan is refused."""
 
     def check(value: float | None) -> float | None:
         if value is not None and not low <= value <= high:
@@ -56,7 +56,7 @@ def number(metavar: str, low: float, high: float, text: str) -> Any:  # noqa: AN
 
 
 def examples(*lines: str) -> Callable[[Command], Command]:
-    """Command lines that the help of a command shows."""
+    """Adds command lines that the help of a command shows."""
 
     def noted(command: Command) -> Command:
         _EXAMPLES[command] = lines
@@ -71,7 +71,7 @@ def examples_of(command: Callable[..., None]) -> tuple[str, ...]:
 
 @contextmanager
 def extra(name: str, *packages: str) -> Iterator[None]:
-    """Imports inside need the packages of the extra `forefeel[name]`; any other that is missing is our fault.
+    """Turns the lack of a package of the extra `forefeel[name]` into one line; that of another is our fault.
 
     Raises:
         ConfigurationError: one of `packages` is not installed.

@@ -37,7 +37,7 @@ def record(  # noqa: PLR0913, PLR0917 - one parameter per option
     from forefeel.network_settings import observer  # noqa: PLC0415
     from forefeel.recorder import run_record  # noqa: PLC0415 - the help needs none of it
 
-    found = observer(config, cell, connect or [], pki, through_router)
+    settings = observer(config, cell, connect or [], pki, through_router)
     with output(quiet=quiet):
-        run_record(out, found, duration, insecure)
+        run_record(out, settings, duration, insecure)
         suggest("report", out, out=out.with_suffix(""))

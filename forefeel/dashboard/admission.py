@@ -1,4 +1,4 @@
-"""Who may see the page: what is checked of every request and every WebSocket handshake."""
+"""Admission to the page: checks on every request and every WebSocket handshake."""
 
 import secrets
 import socket
@@ -19,7 +19,7 @@ _NO_TOKEN = "Not allowed without the token: open the link that the dashboard's t
 
 
 class Admission:
-    """ASGI middleware: refuses what a page of another site asks, and whoever does not have the token.
+    """ASGI middleware: refuses requests from pages of other sites, and requests without the token.
 
     A browser lets the pages of any site ask here, and lets them read the answers of a WebSocket.
 
@@ -36,6 +36,7 @@ class Admission:
         await answer(scope, receive, send)
 
     def _answer(self, asked: HTTPConnection) -> ASGIApp:
+        """The application itself, or the response that refuses or redirects in its place."""
         origin = asked.headers.get("origin")
         if origin is not None and origin.partition("://")[2] != asked.headers["host"]:
             return PlainTextResponse(_FOREIGN, 403)
@@ -47,39 +48,39 @@ class Admission:
         return self._app if known else PlainTextResponse(_NO_TOKEN, 401)
 
     def _admitted(self, token: str) -> RedirectResponse:
-        """Takes the token out of the address, where others could read it."""
+        """Sets the cookie and redirects to the address without the token, where others could read it."""
         answer = RedirectResponse("/", 303, {"Cache-Control": "no-store"})
         answer.set_cookie(self._cookie, token, httponly=True, samesite="strict")
         return answer
 
 
 class PageAddress(NamedTuple):
-    """Where the page is. `secret`: it holds the token."""
+    """URL of the page; `secret`: it holds the token."""
 
     url: str
     secret: bool
 
 
 def guard(app: Starlette, listening: socket.socket, address: str) -> PageAddress:
-    """Puts the checks before the application; beyond loopback with a new token.
+    """Adds the checks of host name, origin and, beyond loopback, a new token; returns the link to the page.
 
     Args:
         address: as it was asked for, maybe a name; the page is also reached by it.
     """
     bound, port = listening.getsockname()[:2]
-    own = ip_address(bound)
-    token = None if own.is_loopback else secrets.token_urlsafe(_TOKEN_BYTES)
+    bound_ip = ip_address(bound)
+    token = None if bound_ip.is_loopback else secrets.token_urlsafe(_TOKEN_BYTES)
     # cookies are shared by all ports of a host: two dashboards do not take each other's
     app.add_middleware(Admission, token=token, cookie=f"forefeel-{port}")
     hosts = [*_OF_LOOPBACK, _in_url(bound), _in_url(address), *([] if token is None else _names())]
     # added last, it is asked first: a name that somebody else has pointed at this host (DNS rebinding)
     app.add_middleware(TrustedHostMiddleware, allowed_hosts=hosts, www_redirect=False)
-    url = f"http://{socket.gethostname() if own.is_unspecified else _in_url(bound)}:{port}/"
+    url = f"http://{socket.gethostname() if bound_ip.is_unspecified else _in_url(bound)}:{port}/"
     return PageAddress(url if token is None else f"{url}?token={token}", token is not None)
 
 
 def _same(given: str | None, token: str) -> bool:
-    """In a time that tells nothing of the token."""
+    """Compares in constant time."""
     return secrets.compare_digest((given or "").encode(), token.encode())
 
 
@@ -88,6 +89,6 @@ def _in_url(address: str) -> str:
 
 
 def _names() -> list[str]:
-    addresses = (each.ip for adapter in ifaddr.get_adapters() for each in adapter.ips)
-    numbers = [_in_url(each if isinstance(each, str) else each[0]) for each in addresses]
+    addresses = (entry.ip for adapter in ifaddr.get_adapters() for entry in adapter.ips)
+    numbers = [_in_url(ip if isinstance(ip, str) else ip[0]) for ip in addresses]
     return [socket.gethostname(), socket.getfqdn(), *numbers]

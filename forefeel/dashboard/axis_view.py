@@ -1,4 +1,4 @@
-"""What is known of one axis: the traces of the charts and the newest of what was said. Pure, bounded."""
+"""State of one axis for the page: chart traces and the newest message of each kind. Pure, bounded."""
 
 from math import nan
 
@@ -21,10 +21,8 @@ from forefeel.dashboard.trace import SPAN_S, MinMaxTrace, SampleRing
 # commands that are remembered: 8.2 s at 1 kHz, four times the longest round trip of a session
 _REMEMBERED_COMMANDS = 8192
 _RATE_HZ = 1000  # Hz, at most, of answered commands, whose delays are kept for a minute
-# s by which a force may lie ahead of now
-_AHEAD_S = 1.0
-# s, bin of the trace of the energy, which changes slowly
-_ENERGY_BIN_S = 0.2
+_AHEAD_S = 1.0  # s by which a force may lie ahead of now
+_ENERGY_BIN_S = 0.2  # s, bin of the trace of the energy, which changes slowly
 
 
 class Newest:
@@ -39,9 +37,9 @@ class Newest:
 
 
 def new_traces() -> dict[str, MinMaxTrace]:
-    """Those of the charts; predicted: force, low and high end of the band; late: the newest force that has
-    arrived, and what is predicted at that moment; readback: of the stage, and how far it has moved with the
-    fixture open, without the instrument.
+    """Empty traces of the charts. predicted: force, low and high end of the band; late: the newest force that
+    has arrived, and the prediction at that moment; readback: position of the stage, and the distance that it
+    has moved with the gripper open, without the instrument.
     """
     return {
         "felt": MinMaxTrace(),
@@ -62,8 +60,8 @@ class AxisView:
     was heard.
 
     Attributes:
-        delays: when heard, in s, and round trip in s of each newly answered command.
-        worst_energy_j: the lowest that was heard.
+        delays: time of receipt in s and round trip in s of each newly answered command.
+        worst_energy_j: the lowest that was received.
     """
 
     def __init__(self) -> None:
@@ -75,17 +73,18 @@ class AxisView:
         self.events = EventList()
         self.delays = SampleRing(round(SPAN_S * _RATE_HZ), 2)
         self.worst_energy_j = 0.0
-        self._said: list[HapticSample | None] = [None] * _REMEMBERED_COMMANDS
+        self._samples: list[HapticSample | None] = [None] * _REMEMBERED_COMMANDS
         self._answered: tuple[int, int] | None = None
         self._slip_m = 0.0
 
     def take(self, topic: Topic[Message], message: Message, receive_ns: int) -> None:
+        """Stores a message and adds what it holds to traces, statistics or events."""
         newest = self.newest
         match message:
             case HapticSample():
-                self._felt(message, receive_ns)
+                self._add_haptics(message, receive_ns)
             case ForceSample():
-                self._measured(message, receive_ns)
+                self._add_force(message, receive_ns)
             case SlaveState():
                 newest.slave = message
             case MasterState():
@@ -99,8 +98,9 @@ class AxisView:
                 self.events.hear(message, topic.name.partition("/")[0], receive_ns)
         newest.heard_ns[topic.name] = receive_ns
 
-    def _felt(self, sample: HapticSample, receive_ns: int) -> None:
-        anew = self.timeline.heard(sample.stamp_ns, receive_ns)
+    def _add_haptics(self, sample: HapticSample, receive_ns: int) -> None:
+        """Draws a sample, unless it is out of order; clears the traces if the master's clock began anew."""
+        anew = self.timeline.add_stamp(sample.stamp_ns, receive_ns)
         if anew is None:
             return
         if anew:
@@ -115,13 +115,14 @@ class AxisView:
             traces["predicted"].add(t_s, sample.predicted_n, low_n, high_n)
         if sample.zoh_n is not None:
             traces["late"].add(t_s, sample.zoh_n, nan if sample.predicted_n is None else sample.predicted_n)
-        self._said[sample.sequence % _REMEMBERED_COMMANDS] = sample
+        self._samples[sample.sequence % _REMEMBERED_COMMANDS] = sample
         answered = None if sample.answered_sequence is None else (sample.session_id, sample.answered_sequence)
         if sample.delay_s is not None and answered not in (None, self._answered):
             self._answered = answered
             self.delays.add(receive_ns * 1e-9, sample.delay_s)
 
-    def _measured(self, sample: ForceSample, receive_ns: int) -> None:
+    def _add_force(self, sample: ForceSample, receive_ns: int) -> None:
+        """Draws readback and valid force; scores the prediction for the command that the force answers."""
         now_s = self.timeline.now_s(receive_ns)
         t_s = self._place_s(sample, now_s)
         before, self.newest.force = self.newest.force, sample
@@ -131,13 +132,13 @@ class AxisView:
         if not sample.valid:
             return
         self.traces["measured"].add(t_s, sample.force_n)
-        said = self._said_with(sample)
-        if said is None:
+        haptics = self._answered_sample(sample)
+        if haptics is None:
             return
-        if said.predicted_n is not None and said.zoh_n is not None:
-            self.comparison.add(now_s, said.predicted_n, said.zoh_n, sample.force_n)
-        if said.low_n is not None and said.high_n is not None:
-            self.watch.force(now_s, not said.low_n <= sample.force_n <= said.high_n)
+        if haptics.predicted_n is not None and haptics.zoh_n is not None:
+            self.comparison.add(now_s, haptics.predicted_n, haptics.zoh_n, sample.force_n)
+        if haptics.low_n is not None and haptics.high_n is not None:
+            self.watch.force(now_s, not haptics.low_n <= sample.force_n <= haptics.high_n)
 
     def _place_s(self, sample: ForceSample, now_s: float) -> float:
         stamp_ns = sample.answers_stamp_ns
@@ -146,10 +147,10 @@ class AxisView:
         t_s = self.timeline.stamp_s(stamp_ns)
         return t_s if now_s - SPAN_S < t_s < now_s + _AHEAD_S else now_s
 
-    def _said_with(self, sample: ForceSample) -> HapticSample | None:
-        """Of the master, with the command that a force answers."""
+    def _answered_sample(self, sample: ForceSample) -> HapticSample | None:
+        """The master's sample with the command that the force answers; None: none, or no longer retained."""
         if sample.answers_sequence is None:
             return None
-        said = self._said[sample.answers_sequence % _REMEMBERED_COMMANDS]
+        haptics = self._samples[sample.answers_sequence % _REMEMBERED_COMMANDS]
         answered = sample.session_id, sample.answers_sequence
-        return said if said is not None and (said.session_id, said.sequence) == answered else None
+        return haptics if haptics is not None and (haptics.session_id, haptics.sequence) == answered else None

@@ -1,4 +1,4 @@
-"""What the cards of the page say of an axis now, as plain data for JSON. Pure: time is an argument."""
+"""Contents of the page's cards of one axis, as plain data for JSON. Pure: time is an argument."""
 
 from collections.abc import Mapping
 from math import isfinite
@@ -9,7 +9,7 @@ import numpy as np
 from forefeel.common.error_size import Floats
 from forefeel.common.events.console import printable
 from forefeel.common.events.text import UNKNOWN, quantity
-from forefeel.common.messages import LoopTiming, ModelParameters, SafetyState
+from forefeel.common.messages import LoopTiming, SafetyState
 from forefeel.common.topics import (
     FORCE,
     HAPTICS,
@@ -29,17 +29,14 @@ from forefeel.report.wording import micros, named, number, scale, share
 
 Card = dict[str, Any]
 _BINS = 36  # bars of the histogram of the delay
-# s, least width of the histogram
-_LEAST_SPREAD_S = 2e-3
+_LEAST_SPREAD_S = 2e-3  # s, least width of the histogram
 _FRESH_S = 0.5  # s for which a value is shown after it was heard, as long as `stale_after_s` of the states
-# s for which what the model says of itself counts after it was heard
-_MODEL_S = 2.0
+_MODEL_S = 2.0  # s for which what the model says of itself counts after it was heard
 # s for which a loop's lateness is shown after it was heard: it comes once a second, three may be lost
 _TIMING_S = 3.5
 _TICKS_OF_DELAY = 1000  # answered commands of which the delay is said, the last second at 1 kHz
 _ROLES = ("master", "slave")
-# rows of the table of parameters
-_MOST_PARAMETERS = 24
+_MOST_PARAMETERS = 24  # rows of the table of parameters
 _COUNTED = {
     "late": ("late",),
     "reordered": ("reordered", "sequence", "duplicat"),
@@ -56,19 +53,19 @@ _TICK_US = 1000.0  # us, period of a loop at 1 kHz
 
 
 def numbers(view: AxisView, now_ns: int) -> Card:
-    """The large figures: what is felt, predicted, measured, and the delay; UNKNOWN for what is not."""
+    """Large figures: felt, predicted and measured force, delay; `UNKNOWN` or empty where none is fresh."""
     haptics, force = view.newest.haptics, view.newest.force
     fresh = _fresh(view, HAPTICS.name, now_ns)
     felt = haptics if fresh else None
     leading = felt.leading if felt else ""
-    heard = force if _fresh(view, FORCE.name, now_ns) and force is not None and force.valid else None
+    received = force if _fresh(view, FORCE.name, now_ns) and force is not None and force.valid else None
     return {
         "felt": _number_n(felt.rendered_n if felt else None),
         "limited": bool(felt and felt.limited),
         "predicted": _number_n(felt.predicted_n if felt else None),
         "band": _band(felt.low_n, felt.high_n) if felt else "",
         # what the hand has; without a master what is heard here, which may be sooner
-        "measured": _number_n(felt.zoh_n if felt else heard.force_n if heard else None),
+        "measured": _number_n(felt.zoh_n if felt else received.force_n if received else None),
         "age": "" if felt is None or felt.force_age_s is None else f"{quantity(felt.force_age_s, 's')} old",
         "delay": UNKNOWN if felt is None or felt.delay_s is None else f"{1e3 * felt.delay_s:.0f}",
         "leading": _LEADS.get(leading, printable(leading).replace("_", " ")),
@@ -76,7 +73,7 @@ def numbers(view: AxisView, now_ns: int) -> Card:
 
 
 def gain(view: AxisView, now_ns: int) -> Card:
-    """What the prediction is worth: its error beside that of the force that the hand would feel late."""
+    """Rms error of the prediction beside that of the late force; level `off` until enough were compared."""
     errors = view.comparison.errors(view.timeline.now_s(now_ns))
     delays_s = view.delays.rows()[-_TICKS_OF_DELAY:, 1]
     if errors is None or not len(delays_s):
@@ -85,7 +82,7 @@ def gain(view: AxisView, now_ns: int) -> Card:
             "head": "not judged yet",
             "more": "no force has answered a command yet",
         }
-    predicted, late = (_millinewtons(error_n) for error_n in errors)
+    predicted, late = (f"{1e3 * error_n:.{1 if error_n < 0.00995 else 0}f}" for error_n in errors)
     return {
         "level": "good" if errors.predicted_n < errors.late_n else "warn",
         "head": f"{1e3 * float(np.median(delays_s)):.0f} ms ahead: error {predicted} mN in place of {late}",
@@ -93,12 +90,8 @@ def gain(view: AxisView, now_ns: int) -> Card:
     }
 
 
-def _millinewtons(value_n: float) -> str:
-    return f"{1e3 * value_n:.{1 if value_n < 0.00995 else 0}f}"
-
-
 def banner(view: AxisView) -> Card:
-    """Why the axis is at rest until somebody clears it, and how; empty while it may move."""
+    """Reason of a latched stop and the command that clears it; empty texts while none is latched."""
     slave = view.newest.slave
     if slave is None or slave.state not in (SafetyState.ESTOPPED, SafetyState.FAULT):
         return {"head": "", "more": ""}
@@ -108,12 +101,12 @@ def banner(view: AxisView) -> Card:
     }
 
 
-def standing(view: AxisView, now_ns: int) -> list[Card]:
+def status_lights(view: AxisView, now_ns: int) -> list[Card]:
     return [light._asdict() for light in lights(view, now_ns)]
 
 
 def delay(view: AxisView, now_ns: int) -> Card:
-    """The round trips of the last minute: quantiles, and how often each was met."""
+    """Histogram and quantiles of the round trips of the last minute."""
     rows = view.delays.rows()
     delays_s = rows[rows[:, 0] > now_ns * 1e-9 - SPAN_S, 1]
     if not len(delays_s):
@@ -133,20 +126,23 @@ def _histogram(delays_s: Floats) -> tuple[list[int], list[float]]:
 
 def model(view: AxisView, now_ns: int) -> Card:
     """Parameters with their uncertainty, what the motion tells apart, and how good the model is."""
-    found = view.newest.model
-    if found is None:
+    latest = view.newest.model
+    if latest is None:
         nothing = "the identification has said nothing yet"
         return {"parameters": [], "statements": [nothing], "foot": "", "friction": {}}
     quiet = "" if _fresh(view, PARAMETERS.name, now_ns) else " · not heard now"
-    resets = f" · {number(found.resets)} returns to the prior" if found.resets else ""
-    prior = f" · prior: {printable(found.prior)}" if found.prior else ""
-    rows = zip(found.names, found.values, found.standard_deviations, strict=False)
+    resets = f" · {number(latest.resets)} returns to the prior" if latest.resets else ""
+    prior = f" · prior: {printable(latest.prior)}" if latest.prior else ""
+    statements = [*map(printable, latest.identifiable)]
+    if not latest.valid:
+        statements = ["not valid yet: too little motion so far", *statements]
+    rows = zip(latest.names, latest.values, latest.standard_deviations, strict=False)
     return {
         "parameters": [_parameter(*row) for row in list(rows)[:_MOST_PARAMETERS]],
-        "statements": _statements(found),
-        "foot": f"innovation {quantity(found.innovation_rms_n, 'N')} rms · {number(found.updates)} updates"
+        "statements": statements or ["the motion tells all parameters apart"],
+        "foot": f"innovation {quantity(latest.innovation_rms_n, 'N')} rms · {number(latest.updates)} updates"
         f"{resets}{prior}{quiet}",
-        "friction": friction(found.names, found.values, found.standard_deviations),
+        "friction": friction(latest.names, latest.values, latest.standard_deviations),
     }
 
 
@@ -169,14 +165,8 @@ def _known(value: float, deviation: float) -> str:
     return "well" if share > 10 else "roughly" if share > 2 else "not yet"
 
 
-def _statements(found: ModelParameters) -> list[str]:
-    if not found.valid:
-        return ["not valid yet: too little motion so far", *map(printable, found.identifiable)]
-    return [*map(printable, found.identifiable)] or ["the motion tells all parameters apart"]
-
-
 def energy(view: AxisView, now_ns: int) -> Card:
-    """What the hand has put in, on balance: below zero the handle has given more than it took."""
+    """Net energy that the hand has put in; level `warn` where the handle has given more than it took."""
     felt = view.newest.haptics
     if felt is None or not _fresh(view, HAPTICS.name, now_ns):
         return {"level": "off", "value": UNKNOWN, "words": "no hand heard"}
@@ -187,7 +177,7 @@ def energy(view: AxisView, now_ns: int) -> Card:
 
 
 def watch(view: AxisView, now_ns: int) -> Card:
-    """Whether the model went wrong; `since_s` on the clock of who listens."""
+    """Alarm of a wrong model with its worst signs, else the present ones; `since_s`: listener's clock."""
     alarm, now_s = view.watch.alarm, view.timeline.now_s(now_ns)
     if alarm is None:
         signs = view.watch.signs if _fresh(view, PARAMETERS.name, now_ns, _MODEL_S) else Signs()
@@ -207,13 +197,14 @@ def watch(view: AxisView, now_ns: int) -> Card:
 
 
 def loops(view: AxisView, now_ns: int) -> list[Card]:
-    """How late both loops are, since they began; of one that is not heard nothing is said."""
+    """Lateness of both loops since they began; `UNKNOWN` for one that was not received lately."""
     topics = (MASTER_TIMING, SLAVE_TIMING)
-    heard = {topic.publisher for topic in topics if _fresh(view, topic.name, now_ns, _TIMING_S)}
-    return [_loop(role, view.newest.timings.get(role) if role in heard else None) for role in _ROLES]
+    fresh = {topic.publisher for topic in topics if _fresh(view, topic.name, now_ns, _TIMING_S)}
+    return [_loop(role, view.newest.timings.get(role) if role in fresh else None) for role in _ROLES]
 
 
 def _loop(role: str, timing: LoopTiming | None) -> Card:
+    """Lateness of one loop, with a level by the share of missed ticks and p99; None: not heard."""
     if timing is None:
         return {"who": role, "level": "off", "word": "not heard", "p50": UNKNOWN, "p99": UNKNOWN,
                 "max": UNKNOWN, "missed": UNKNOWN}  # fmt: skip
@@ -231,12 +222,12 @@ def _loop(role: str, timing: LoopTiming | None) -> Card:
     }
 
 
-def counted(view: AxisView, now_ns: int, own: Mapping[str, int] = {}) -> str:
-    """What became of messages, by the counters of both ends and the page's `own`, as they were said last."""
+def counted(view: AxisView, now_ns: int, local: Mapping[str, int] = {}) -> str:
+    """Late, reordered, lost and refused messages by the counters of both ends and `local`; then caveats."""
     states = view.newest.slave, view.newest.master
-    counters = [own, *(state.counters for state in states if state is not None)]
+    counters = [local, *(state.counters for state in states if state is not None)]
     sums = dict.fromkeys(_COUNTED, 0)
-    for name, count in (each for found in counters for each in found.items()):
+    for name, count in (item for end in counters for item in end.items()):
         kind = next((kind for kind, marks in _COUNTED.items() if any(mark in name for mark in marks)), None)
         if kind is not None:
             sums[kind] += count
@@ -247,7 +238,7 @@ def counted(view: AxisView, now_ns: int, own: Mapping[str, int] = {}) -> str:
 
 
 def events(log: EventList) -> list[Card]:
-    """The newest first."""
+    """Lines of the event list, newest first."""
     return [line._asdict() for line in reversed(list(log))]
 
 

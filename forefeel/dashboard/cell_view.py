@@ -1,4 +1,4 @@
-"""What is known of a cell: its axes, and how much was heard. Pure, bounded."""
+"""State of a cell for the page: its axes, time of the last message, refused payloads. Pure, bounded."""
 
 from collections import Counter
 
@@ -11,7 +11,7 @@ from forefeel.dashboard.axis_view import AxisView
 MOST_AXES = 16  # axes that are shown
 BEYOND = f"refused_beyond_{MOST_AXES}_axes"
 UNREAD = {COMMAND.name, MASTER_HEARTBEAT.name, SLAVE_HEARTBEAT.name}
-"""What they hold is not shown, or stands in a message that is: decoding it would be in vain."""
+"""Topics whose content is not shown, or stands in a message that is: decoding it would be in vain."""
 
 
 class CellView:
@@ -29,30 +29,32 @@ class CellView:
         self.refused: Counter[str] = Counter()
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
+        """Decodes a payload of the network for its axis; counts a malformed one."""
         parsed = parse_key(key)
         if parsed is None:
             return
         _, axis, topic = parsed
         if topic.name in UNREAD:
-            self._hears(receive_ns)
+            self._note_receipt(receive_ns)
             return
         try:
-            heard = observed(topic, payload, receive_ns)
+            messages = observed(topic, payload, receive_ns)
         except CodecError:
             self.refused["malformed"] += 1
             return
-        for message, message_ns in heard:
+        for message, message_ns in messages:
             self.take(axis, topic, message, message_ns)
 
     def take(self, axis: str, topic: Topic[Message], message: Message, receive_ns: int) -> None:
+        """Hands a message to the view of its axis; counts it as refused beyond `MOST_AXES` axes."""
         view = self.axes.get(axis)
         if view is None:
             if len(self.axes) == MOST_AXES:
                 self.refused[BEYOND] += 1
                 return
             view = self.axes[axis] = AxisView()
-        self._hears(receive_ns)
+        self._note_receipt(receive_ns)
         view.take(topic, message, receive_ns)
 
-    def _hears(self, receive_ns: int) -> None:
+    def _note_receipt(self, receive_ns: int) -> None:
         self.heard_ns = receive_ns if self.heard_ns is None else max(receive_ns, self.heard_ns)

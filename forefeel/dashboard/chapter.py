@@ -1,4 +1,4 @@
-"""One part of what a page tells, as a line of JSON from the command to the process that serves the page."""
+"""The state of a command that its page shows, as a line of JSON to the process that serves the page."""
 
 from pathlib import Path
 
@@ -8,14 +8,14 @@ from forefeel.dashboard.vessel import VesselSettings
 
 
 class Chapter(BaseModel):
-    """Which runs are going on, or what has come of them.
+    """Stage of a command: a run that goes on, or the results so far.
 
     Attributes:
-        head: in one sentence.
-        recording: is shown in place of the live cell.
-        pages: files beside it that the page leads to, by their words.
-        vessel: that the page draws; None: that of the recording, if it holds one.
-        stays: as the last one until the server is told to end, in place of until nobody looks.
+        head: the stage in one sentence.
+        recording: shown in place of the live cell.
+        pages: HTML files that the page links to, by the words of the link.
+        vessel: drawn by the page; None: that of the recording, if it holds one.
+        stays: the last one is served until a signal, not only until nobody looks.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

@@ -1,4 +1,4 @@
-"""What the prediction is worth, and whether the model went wrong. Pure.
+"""Errors of prediction and late force, and the alarm of a model that went wrong. Pure.
 
 A model that went wrong has two signs, each second: the innovation of the identified model (rms, N), and the
 share of the measured forces that lie outside of the 95 % band which was drawn for them. Each is compared with
@@ -12,19 +12,14 @@ from math import sqrt
 from statistics import fmean, median
 from typing import NamedTuple
 
-# s, length of a block that is judged
-_BLOCK_S = 1.0
+_BLOCK_S = 1.0  # s, length of a block that is judged
 _LEAST_BLOCKS = 6  # blocks before the usual is known
-# blocks of which the usual is the median: 2 min
-_KEPT_BLOCKS = 120
-# forces in a block that is judged
-_LEAST_FORCES = 100
-# innovation over its usual: bad above the first, fine below the second
-_RISE, _FALL = 2.0, 1.4
+_KEPT_BLOCKS = 120  # blocks of which the usual is the median: 2 min
+_LEAST_FORCES = 100  # forces in a block that is judged
+_RISE, _FALL = 2.0, 1.4  # innovation over its usual: bad above the first, fine below the second
 # share outside of the band beyond its usual share: bad above the first, fine below the second
 _OUTSIDE_RISE, _OUTSIDE_FALL = 0.35, 0.15
-# bad blocks that raise the alarm, fine ones that end it
-_RAISE_BLOCKS, _END_BLOCKS = 2, 5
+_RAISE_BLOCKS, _END_BLOCKS = 2, 5  # bad blocks that raise the alarm, fine ones that end it
 COMPARED_S = 20
 """A window of the page: long enough for several ways in and out, short enough to show a change."""
 _LEAST = 1000  # forces that were compared, 1 s at 1 kHz
@@ -32,7 +27,7 @@ _LEAST = 1000  # forces that were compared, 1 s at 1 kHz
 
 @dataclass(frozen=True, slots=True)
 class Signs:
-    """What the last second showed: innovation over its usual, share outside of the band; None: not known."""
+    """Innovation over its usual and share of forces outside of the band in the last second; None: unknown."""
 
     innovation_ratio: float | None = None
     outside_share: float | None = None
@@ -48,7 +43,7 @@ class Alarm:
 
 
 class ModelWatch:
-    """Fed as messages come, with times in s that do not go back; `alarm` is what stands.
+    """Raises and ends `alarm`, second by second, from times in s that do not go back.
 
     A second in which too few forces answered a command says nothing: it neither raises nor ends an alarm.
     """
@@ -64,16 +59,17 @@ class ModelWatch:
         self._bad = self._good = 0
 
     def innovation(self, t_s: float, rms_n: float) -> None:
-        self._at(t_s)
+        self._advance(t_s)
         self._innovations.append(rms_n)
 
     def force(self, t_s: float, outside: bool) -> None:
         """A measured force that answers a command, and whether it lay outside of the band drawn for it."""
-        self._at(t_s)
+        self._advance(t_s)
         self._forces += 1
         self._outside += outside
 
-    def _at(self, t_s: float) -> None:
+    def _advance(self, t_s: float) -> None:
+        """Judges the block that has ended, if one has, and goes on to the block of `t_s`."""
         block = int(t_s // _BLOCK_S)
         if self._block is not None and block > self._block:
             self._judge(self._block * _BLOCK_S)
@@ -82,6 +78,7 @@ class ModelWatch:
         self._block = block if self._block is None else max(block, self._block)
 
     def _judge(self, start_s: float) -> None:
+        """Updates signs, alarm and usual values with the block from `start_s` on; skips a poor one."""
         if self._forces < _LEAST_FORCES or not self._innovations:
             return
         rms_n, share = fmean(self._innovations), self._outside / self._forces
@@ -92,20 +89,20 @@ class ModelWatch:
         self.signs = Signs(ratio, share)
         if self.alarm is None:
             bad = known and (ratio > _RISE or share > _OUTSIDE_RISE + usual_share)
-            self._wait(start_s, bad, ratio, share)
+            self._count_bad(start_s, bad, ratio, share)
         else:
-            self._alarmed(self.alarm, ratio, share, usual_share)
+            self._update_alarm(self.alarm, ratio, share, usual_share)
         if self.alarm is None and not self._bad:
             self._usual.append(rms_n)
             self._usual_outside.append(share)
 
-    def _wait(self, start_s: float, bad: bool, ratio: float, share: float) -> None:
+    def _count_bad(self, start_s: float, bad: bool, ratio: float, share: float) -> None:
         self._bad = self._bad + 1 if bad else 0
         if self._bad >= _RAISE_BLOCKS:
             self.alarm = Alarm(start_s - (self._bad - 1) * _BLOCK_S, ratio, share)
             self._bad = self._good = 0
 
-    def _alarmed(self, alarm: Alarm, ratio: float, share: float, usual_share: float) -> None:
+    def _update_alarm(self, alarm: Alarm, ratio: float, share: float, usual_share: float) -> None:
         fine = ratio < _FALL and share < _OUTSIDE_FALL + usual_share
         self._good = self._good + 1 if fine else 0
         worst = max(alarm.innovation_ratio, ratio), max(alarm.outside_share, share)
@@ -120,7 +117,7 @@ class ErrorPair(NamedTuple):
 
 
 class Comparison:
-    """Sums of squares by whole second, of the last `COMPARED_S`."""
+    """Rms errors of prediction and late force over the last `COMPARED_S`, from sums by whole second."""
 
     def __init__(self) -> None:
         self._seconds: deque[tuple[int, list[float]]] = deque(maxlen=COMPARED_S)
@@ -135,7 +132,7 @@ class Comparison:
         sums[2] += (late_n - measured_n) ** 2
 
     def errors(self, now_s: float) -> ErrorPair | None:
-        """None: too little was compared lately."""
+        """None: fewer than `_LEAST` forces were compared in the last `COMPARED_S`."""
         recent = [sums for second, sums in self._seconds if second > now_s - COMPARED_S]
         count, predicted, late = (
             (sum(column) for column in zip(*recent, strict=True)) if recent else (0, 0, 0)

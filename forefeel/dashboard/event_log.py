@@ -10,7 +10,7 @@ from forefeel.common.messages import EmergencyStop, Handshake, MasterEvent, Mess
 
 MOST = 200  # lines that are kept
 Level = Literal["good", "busy", "warn", "bad", "off"]
-"""How something stands: a colour and a shape, never without a word."""
+"""Status of something: a colour and a shape, never without a word."""
 _AFTER: dict[str, Level] = {
     SafetyState.IDLE: "off",
     SafetyState.READY: "off",
@@ -45,7 +45,7 @@ class EventList:
         return iter(self._lines)
 
     def hear(self, message: Message, role: str, receive_ns: int) -> None:
-        """A message of `role`; what is no event is passed over."""
+        """Appends a line about an event of `role`; ignores other messages."""
         text = event_text(message)
         if text:
             self.count += 1

@@ -1,4 +1,4 @@
-"""What one viewer is sent: what is new since it asked last. Pure: time is an argument.
+"""Answers to one viewer: what is new since it asked last. Pure: time is an argument.
 
 A viewer asks, draws, and asks again; so one that is slow is served less often and nothing waits for it. Of a
 trace it gets the points that it does not have; of a card the newest, where it says something new.
@@ -16,40 +16,37 @@ from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.trace import Points
 
 Answer = dict[str, Any]
-# ns between two updates of a card that is watched
-_QUICK_NS = 100_000_000
-# ns between two updates of the other cards
-_SLOW_NS = 500_000_000
-# digits behind the point that are sent, in s, m, N and J
-_DECIMALS = 7
+_QUICK_NS = 100_000_000  # ns between two updates of a card that is watched
+_SLOW_NS = 500_000_000  # ns between two updates of the other cards
+_DECIMALS = 7  # digits behind the point that are sent, in s, m, N and J
 
 
 class Feed:
     def __init__(self) -> None:
-        self._of: tuple[AxisView, int] | None = None
+        self._shown: tuple[AxisView, int] | None = None
         self._ends: dict[str, int] = {}
         self._sent: dict[str, str] = {}
         self._due_ns: dict[str, int] = {}
 
     def answer(self, cell: CellView, wanted: str | None, now_ns: int) -> Answer:
-        """What has changed. `wanted`: an axis; in place of one that is not there the first that was heard."""
+        """Changes since the last answer. `wanted`: an axis; the first stands in for one that is missing."""
         axis = wanted if wanted in cell.axes else next(iter(cell.axes), None)
         answer: Answer = {"axes": list(cell.axes), "axis": axis, "clock_s": now_ns * 1e-9}
         if axis is None:
             return answer
         view = cell.axes[axis]
-        answer["anew"] = self._begins(view)
+        answer["anew"] = self._restart(view)
         answer["now_s"] = round(view.timeline.now_s(now_ns), 4)
         answer["traces"] = {name: self._new(name, trace.since) for name, trace in view.traces.items()}
         answer["cards"] = self._cards(cell, view, now_ns)
         return answer
 
-    def _begins(self, view: AxisView) -> bool:
-        """Whether nothing was sent of that: another axis, or a time that began anew."""
-        of = view, view.timeline.epoch
-        if self._of == of:
+    def _restart(self, view: AxisView) -> bool:
+        """Forgets what was sent where the axis is another, or its time began anew; True then."""
+        shown = view, view.timeline.epoch
+        if self._shown == shown:
             return False
-        self._of = of
+        self._shown = shown
         self._ends, self._sent, self._due_ns = {}, {}, {}
         return True
 
@@ -60,11 +57,12 @@ class Feed:
         return [[value if value == value else None for value in row] for row in rows]  # noqa: PLR0124 - NaN
 
     def _cards(self, cell: CellView, view: AxisView, now_ns: int) -> Answer:
+        """Cards that are due and have changed, by name."""
         made: dict[str, tuple[int, Callable[[], Any]]] = {
             "numbers": (_QUICK_NS, lambda: cards.numbers(view, now_ns)),
             "banner": (_QUICK_NS, lambda: cards.banner(view)),
             "gain": (_SLOW_NS, lambda: cards.gain(view, now_ns)),
-            "standing": (_QUICK_NS, lambda: cards.standing(view, now_ns)),
+            "standing": (_QUICK_NS, lambda: cards.status_lights(view, now_ns)),
             "watch": (_QUICK_NS, lambda: cards.watch(view, now_ns)),
             "energy": (_QUICK_NS, lambda: cards.energy(view, now_ns)),
             "delay": (_SLOW_NS, lambda: cards.delay(view, now_ns)),
@@ -77,7 +75,7 @@ class Feed:
                 for card in self._changed(name, every_ns, make, now_ns)}  # fmt: skip
 
     def _changed(self, name: str, every_ns: int, make: Callable[[], Any], now_ns: int) -> list[Any]:
-        """The card, where it is due and says something new."""
+        """The card alone in a list, or an empty list where it is not due or was sent as it is."""
         due_ns = self._due_ns.get(name)
         # in a recording the time may go back
         if due_ns is not None and due_ns - every_ns <= now_ns < due_ns:

@@ -1,4 +1,4 @@
-"""How link, lease and safety stand: a light and a word for each. Pure: time is an argument."""
+"""Status lights of link, lease, safety, deadman and force. Pure: time is an argument."""
 
 from typing import Any, NamedTuple
 
@@ -39,13 +39,13 @@ def lights(view: AxisView, now_ns: int) -> list[Light]:
 
 
 def silent_s(heard_ns: int | None, now_ns: int, since_ns: int) -> float | None:
-    """For how long nothing was heard, None while something is; `since_ns`: when one began to listen."""
+    """Duration of a silence of more than 2 s, else None; `since_ns`: when one began to listen."""
     quiet_ns = now_ns - (since_ns if heard_ns is None else heard_ns)
     return quiet_ns * 1e-9 if quiet_ns > SILENT_NS else None
 
 
 def _quiet(view: AxisView, state: Topic[Any], now_ns: int) -> str:
-    """What there is to say of an end whose state is not heard, or empty."""
+    """Sentence on an end whose state was never received, or is stale; empty for one that is heard."""
     heard_ns = view.newest.heard_ns.get(state.name)
     if heard_ns is None:
         return f"no {state.publisher} heard yet"

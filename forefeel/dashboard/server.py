@@ -34,15 +34,14 @@ from forefeel.dashboard.chapter import Chapter
 from forefeel.dashboard.sources import LiveCell
 from forefeel.dashboard.story import CONVERSATION, RESULTS, Story
 from forefeel.dashboard.vessel import VesselSettings
-from forefeel.interrupt import heeded
+from forefeel.interrupt import signal_flag
 from forefeel.local.stop import EVERY_S, FOR_S, Stopper
 from forefeel.network_settings import ObserverSettings
 from forefeel.reachability import cell_watch
 from forefeel.terminal import ask, say
 
 _POLL_S = 0.2  # s between two looks for an end
-# niceness that is added (nice(2)): behind the daemons and other programs
-_NICE = 5
+_NICE = 5  # niceness that is added (nice(2)): behind the daemons and other programs
 _LINGER_S = 10.0  # s that a page has for a reload when all is told
 _WAITING = 2048  # each holds on to the 4 KB that it came in; a starved viewer shows the newest, not all
 MOST_CONNECTIONS = 512  # of the 1024 files that most hosts allow a process; 16 browsers open at most 96
@@ -67,11 +66,11 @@ def run_dashboard(
     insecure: bool,
     opens: bool,
     vessel: VesselSettings | None,
-    told: TextIO | None = None,
+    chapters: TextIO | None = None,
 ) -> None:
     """Shows a live cell until SIGINT, SIGTERM or SIGHUP.
 
-    `told`: its lines, each a `Chapter`, say what is to be shown from then on.
+    `chapters`: lines of JSON, each a `Chapter`; the newest is shown.
 
     Raises:
         InputError: an endpoint, a certificate or the port can not be used.
@@ -85,8 +84,8 @@ def run_dashboard(
         live = LiveCell(settings.cell, where, clock)
         party = Party("viewer", (settings.cell,))
         transport = ZenohTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
-        with heeded(_exit), closing(transport):
-            _step_back()
+        with signal_flag(_exit), closing(transport):
+            _lower_priority()
             button = StopButton(transport, settings.cell, clock)
 
             def hear(key: str, payload: bytes, receive_ns: int) -> None:
@@ -100,7 +99,7 @@ def run_dashboard(
             routes = [Route("/stop", button.press, methods=["POST"])]
             story = Story(live, Chapter(vessel=vessel))
             watch = cell_watch(settings.transport, party, transport, clock)
-            ends = _follow(story, told) if told else _failure(failed, lambda: live.look(watch))
+            ends = _follow(story, chapters) if chapters else _failure(failed, lambda: live.look(watch))
             _serve(listening, address, story, f"cell {settings.cell}", opens, ends, routes)
 
 
@@ -114,18 +113,18 @@ def run_view(file: Path, address: str, port: int, opens: bool, vessel: VesselSet
     beside = {"report": file.parent / "report.html", "diagnosis": file.parent / "diagnosis" / "report.html"}
     pages = {words: path for words, path in beside.items() if path.is_file()}
     story = Story(None, Chapter(recording=file, pages=pages, vessel=vessel))
-    _step_back()
-    with heeded(_exit), listening_at(address, port) as listening:
+    _lower_priority()
+    with signal_flag(_exit), listening_at(address, port) as listening:
         _serve(listening, address, story, str(file), opens, _failure(()))
 
 
 def _exit() -> None:
-    """A server that keeps nothing would take seconds to come down in order on a busy machine."""
+    """Ends the process at once: in order it takes seconds on a busy machine, and nothing is to be saved."""
     os._exit(0)
 
 
-def _step_back() -> None:
-    """Whoever looks stands behind those who move something."""
+def _lower_priority() -> None:
+    """Puts this process behind those that move something."""
     with suppress(OSError):
         os.nice(_NICE)
 
@@ -143,7 +142,7 @@ class StopButton:
         self.hear = self._stopper.hear
 
     async def press(self, asked: Request) -> JSONResponse:
-        """Answers with the axes that do not acknowledge the stop; none: the cell has stopped."""
+        """Repeats the stop until every axis acknowledges it, 2 s at most; answers with those that do not."""
         stopper = self._stopper
         stopper.reason = f"page, from {asked.client.host if asked.client else 'unknown'}"
         for _ in range(round(FOR_S / EVERY_S)):
@@ -171,6 +170,7 @@ class Connection(H11Protocol):
         return self.cycle is None or self.cycle.response_complete
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Takes a connection; closes the one that gives way where there are too many, and says so."""
         self.since_s = self.loop.time()
         oldest = displaced([peer for peer in self.connections if isinstance(peer, Connection)])
         if oldest is not None:
@@ -189,14 +189,14 @@ class Connection(H11Protocol):
 
 
 def displaced(peers: Collection[Connection]) -> Connection | None:
-    """The one that gives way to a new one: the oldest silent one, or else the oldest. None: there is room."""
+    """Connection to close for a new one: the oldest silent one, or else the oldest. None: there is room."""
     if len(peers) < MOST_CONNECTIONS:
         return None
     return min([peer for peer in peers if peer.silent] or peers, key=attrgetter("since_s"))
 
 
 def overdue(peers: Collection[Connection], now_s: float) -> list[Connection]:
-    """Those whose request does not arrive in time."""
+    """Connections whose request did not arrive within `HEAD_S`."""
     return [peer for peer in peers if peer.silent and now_s - peer.since_s > HEAD_S]
 
 
@@ -226,7 +226,7 @@ def _serve(
     ends: Coroutine[Any, Any, None],
     more: Sequence[BaseRoute] = (),
 ) -> None:
-    """Serves the page until `ends` does. `address`: as it was asked for, maybe a name; `what`: in words.
+    """Serves the page until `ends` does, and shows its link. `address`: as asked for; `what`: in words.
 
     Raises:
         RunError: `ends`, or what the page is made of, failed.
@@ -258,6 +258,7 @@ def _serve(
 
 
 async def _until(server: _Server, listening: socket.socket, ends: Coroutine[Any, Any, None]) -> None:
+    """Runs the server until it or `ends` has ended; raises the error of either."""
     serving, ending = asyncio.create_task(server.serve([listening])), asyncio.create_task(ends)
     await asyncio.wait((serving, ending), return_when=asyncio.FIRST_COMPLETED)
     server.should_exit = True
@@ -267,7 +268,7 @@ async def _until(server: _Server, listening: socket.socket, ends: Coroutine[Any,
 
 
 async def _failure(failed: Sequence[Exception], look: Callable[[], object] = lambda: None) -> None:
-    """Raises the first as soon as there is one; calls `look` meanwhile."""
+    """Waits for a failure and raises it; calls `look` meanwhile."""
     while not failed:
         look()
         await asyncio.sleep(_POLL_S)
@@ -275,7 +276,7 @@ async def _failure(failed: Sequence[Exception], look: Callable[[], object] = lam
 
 
 async def _follow(story: Story, lines: TextIO) -> None:
-    """Tells chapter after chapter; after the last until nobody looks, or without end if it stays."""
+    """Shows each chapter that comes; returns once no page was open for 10 s, unless the last one stays."""
     reader = asyncio.StreamReader()
     loop = asyncio.get_running_loop()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), lines)

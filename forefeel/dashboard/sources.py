@@ -1,4 +1,4 @@
-"""What the page is fed from: a cell that is heard now, or a recording of one."""
+"""Sources of the page: a live cell, or a recording of one."""
 
 import threading
 from collections.abc import Callable
@@ -22,7 +22,7 @@ _TOPICS = [topic for name, topic in BY_NAME.items() if name not in UNREAD]
 
 
 class Ask(BaseModel):
-    """What a page asks for: an axis, and of a recording a time in s and how much before it is shown."""
+    """Request of a page: an axis; of a recording a time in s, and the length of the span shown before it."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
@@ -35,11 +35,11 @@ Viewer = Callable[[Ask], Answer]
 
 
 class LiveCell:
-    """A cell that is heard now. Hearing and showing it are different threads.
+    """A live cell. Messages come in one thread, pages ask in another.
 
     Args:
         name: of the cell.
-        where: it is listened for, in words.
+        where: endpoints in words.
     """
 
     def __init__(self, name: str, where: str, clock: Clock) -> None:
@@ -64,6 +64,7 @@ class LiveCell:
         return {"cell": self._name, "file": None}
 
     def viewer(self) -> Viewer:
+        """Function that answers one page from the newest state of the cell."""
         feed = Feed()
 
         def answer(ask: Ask) -> Answer:
@@ -74,7 +75,7 @@ class LiveCell:
         return answer
 
     def _silence(self, now_ns: int) -> dict[str, Any] | None:
-        """That nothing is heard, since when, and where it was listened for."""
+        """Length and place of a silence of more than 2 s, for the page; None while something is heard."""
         heard_ns = self._cell.heard_ns
         quiet_s = silent_s(heard_ns, now_ns, self._since_ns)
         if quiet_s is None:
@@ -100,6 +101,7 @@ class Recorded:
         return {"cell": spans.cell, "file": spans.path.name, "duration_s": duration_s, "zero_s": zero_s}
 
     def viewer(self) -> Viewer:
+        """Function that answers one page from its own place in the recording; a damaged place is silence."""
         replay, feed = ReplayClock(self._spans), Feed()
 
         def answer(ask: Ask) -> Answer:
@@ -113,9 +115,9 @@ class Recorded:
 
 
 class ReplayClock:
-    """One viewer's place in a recording. The time goes on where it is asked for a little later than before.
+    """One viewer's place in a recording. A time a little later than the last is read on from there.
 
-    Elsewhere it begins `LEAD_S` earlier, so that traces, states and the usual size of errors are known.
+    Any other is read from `LEAD_S` before it, so that traces, states and the usual size of errors are known.
     """
 
     def __init__(self, spans: RunSpans) -> None:
@@ -124,7 +126,7 @@ class ReplayClock:
         self._until_ns: int | None = None
 
     def go_to(self, at_s: float, window_s: float) -> int:
-        """Takes in what was received before `at_s` of the recording; that time in ns.
+        """Brings `cell` to its state at `at_s` of the recording; returns that time in ns.
 
         Raises:
             RecordingError: the file is damaged there.

@@ -1,6 +1,6 @@
-"""What pages show one after the other: a cell while it runs, the recording of it, the next run.
+"""WebSocket endpoint of the page. A chapter is a live cell or a recording, with results.
 
-A page asks over a WebSocket, is answered, draws and asks again; what nobody asks for is not made.
+A page asks, is answered, draws and asks again; what nobody asks for is not made.
 """
 
 import asyncio
@@ -33,9 +33,9 @@ _HEADERS = {
 
 
 class Story:
-    """Serves the chapter that was told last to up to `MOST_VIEWERS` pages at once. One thread at a time.
+    """Serves the newest chapter to up to `MOST_VIEWERS` pages at once. One thread at a time.
 
-    Beyond these a new page takes the place of the oldest that has asked nothing; without one it is refused.
+    A page beyond these takes the place of the oldest that has asked nothing; without one it is refused.
     """
 
     def __init__(self, live: LiveCell | None, chapter: Chapter) -> None:
@@ -44,7 +44,7 @@ class Story:
         self.tell(chapter)
 
     def tell(self, chapter: Chapter) -> None:
-        """Raises InputError where its recording can not be read."""
+        """Serves that chapter from now on. Raises InputError where its recording can not be read."""
         self._source: LiveCell | Recorded
         self._vessel = chapter.vessel
         if chapter.recording is not None:
@@ -57,7 +57,7 @@ class Story:
         self.chapter = chapter
 
     def facts(self) -> dict[str, Any]:
-        """What does not change within a chapter: the cell, and whether it is a recording."""
+        """Constants of the chapter, which a page gets first: cell, recording, title, links, vessel."""
         chapter = {"head": self.chapter.head, "pages": list(self.chapter.pages)}
         vessel = None if self._vessel is None else self._vessel.model_dump(mode="json")
         return self._source.facts() | {"chapter": chapter, "vessel": vessel}
@@ -74,6 +74,7 @@ class Story:
         return len(self._viewers)
 
     async def converse(self, socket: WebSocket) -> None:
+        """Answers a page until it leaves; beyond `MOST_VIEWERS` closes another one for it, or refuses it."""
         await socket.accept()
         if len(self._viewers) >= MOST_VIEWERS:
             displaced = next((viewer for viewer, asked in self._viewers.items() if not asked), socket)
@@ -91,7 +92,7 @@ class Story:
             self._viewers.pop(socket, None)
 
     async def _answer(self, socket: WebSocket) -> None:
-        """A new chapter is answered with its facts."""
+        """Sends the facts of the chapter, then answers each request; the facts again after a new chapter."""
         chapter, viewer = self.chapter, self._source.viewer()
         answer: Answer = {"facts": self.facts()}
         while True:

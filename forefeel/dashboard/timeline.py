@@ -8,7 +8,7 @@ RESTART_NS = 10_000_000_000
 
 
 class Timeline:
-    """Places stamps of the master, and says where it stands now on the clock of who listens.
+    """Converts stamps of the master and times of the listener to the seconds of the charts.
 
     The smallest transit (receive - stamp) stands for the difference of the two clocks. Until a master is
     heard the listener's own clock stands in for its.
@@ -24,8 +24,8 @@ class Timeline:
         self._seen_ns = 0
         self._order = StampOrder(backwards=True)
 
-    def heard(self, stamp_ns: int, receive_ns: int) -> bool | None:
-        """A stamp of the master; whether the time begins anew with it, None where it is out of order."""
+    def add_stamp(self, stamp_ns: int, receive_ns: int) -> bool | None:
+        """Updates the clocks' difference. True: time begins anew with the stamp; None: it is out of order."""
         if self._order.judge(stamp_ns, receive_ns) != "newer":
             return None
         transit_ns, base_ns = receive_ns - stamp_ns, self._base_ns(receive_ns)
@@ -41,7 +41,7 @@ class Timeline:
         return (stamp_ns - (self._origin_ns or 0)) * 1e-9
 
     def now_s(self, now_ns: int) -> float:
-        """Where a moment of the listener's clock stands."""
+        """The listener's time on the charts; before any stamp the first call is 0."""
         if self._origin_ns is None:
             self._origin_ns = now_ns
         return (now_ns - (self._base_ns(now_ns) or 0) - self._origin_ns) * 1e-9

@@ -13,9 +13,7 @@ SPAN_S = 60.0  # s that a trace holds
 
 
 class Points(NamedTuple):
-    """Rows (n, 1 + width) of time in s and values; `first` is the number of the first of them, `end` that of
-    the next one to come.
-    """
+    """Rows (n, 1 + width) of time in s and values, with numbers from `first` to before `end`."""
 
     first: int
     end: int
@@ -23,7 +21,7 @@ class Points(NamedTuple):
 
 
 class MinMaxTrace:
-    """Of each bin of time the lowest and the highest sample, at their own times; of the last `span_s`.
+    """Lowest and highest sample of each bin of time, at their own times, of the last `span_s`.
 
     Samples come in the order of their time; one that belongs into a bin which is closed is left out. After a
     pause a row of NaN breaks the line.
@@ -42,6 +40,7 @@ class MinMaxTrace:
         self._high: tuple[float, ...] = ()
 
     def add(self, t_s: float, *values: float) -> None:
+        """Adds a sample to the open bin, or opens a later one with it; ignores one of an earlier bin."""
         number, row = floor(t_s / self._bin_s), (t_s, *values)
         if number == self._bin:
             if row[1] < self._low[1]:
@@ -52,6 +51,7 @@ class MinMaxTrace:
             self._begin(number, row)
 
     def _begin(self, number: int, row: tuple[float, ...]) -> None:
+        """Appends the extremes of the open bin, and NaN after a pause; opens bin `number` with `row`."""
         if self._bin is not None:
             self._append(min(self._low, self._high))
             if self._low is not self._high:

@@ -51,6 +51,6 @@ def of_recording(metadata: Mapping[str, Mapping[str, str]]) -> VesselSettings | 
 
 
 def friction(names: Iterable[str], values: Iterable[float], deviations: Iterable[float]) -> dict[str, float]:
-    """In mN at the valve, in mN of each mm in contact. Within two deviations of 0 it is not known."""
+    """Friction in mN at the valve and in mN per mm in contact, where it exceeds two deviations."""
     known = {n: value for n, value, sd in zip(names, values, deviations, strict=False) if abs(value) > 2 * sd}
     return {shown: scale * known[name] for shown, (name, scale) in _FRICTION.items() if name in known}

@@ -20,7 +20,7 @@ from forefeel.devices.canopen.hub import CanHub
 from forefeel.devices.emulation.bench import Emulation, Load, SerialBench, Surroundings
 from forefeel.devices.emulation.pty import Pty, PtyServer
 from forefeel.devices.shared.settings import CanSettings
-from forefeel.interrupt import heeded
+from forefeel.interrupt import signal_flag
 from forefeel.probe.configured import configured
 from forefeel.slave.plant.settings import WorldSettings, preset
 from forefeel.terminal import complain, suggest
@@ -52,7 +52,7 @@ def run_emulator(options: EmulatorOptions, duration_s: float | None = None) -> N
         raise ConfigurationError(f"{options.device!r}: expected one of {', '.join([*drivers, CAN_HUB])}")
     die_with_parent()
     HOST.prepare_thread(_PRIORITY)  # a microcontroller waits for no other program of this machine
-    with heeded() as stop, ExitStack() as leave:
+    with signal_flag() as stop, ExitStack() as leave:
         living, load = (_hub(options, leave), None) if driver is None else _emulated(driver, options, leave)
         signal.signal(signal.SIGTTIN, signal.SIG_IGN)  # in the background reading fails, and stops nothing
         HOST.prepare_process()  # nor for its own collector of garbage

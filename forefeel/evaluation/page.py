@@ -39,9 +39,9 @@ def render_page(
 
 
 def headline(link: DelayedLink, recordings: Mapping[str, Evaluated]) -> str:
-    """How large the error of forefeel is beside that of the zero-order hold, in one sentence."""
-    found = (ratio_to_zoh(evaluated, "forefeel") for evaluated in recordings.values())
-    known = sorted(ratio for ratio in found if ratio is not None)
+    """Range of the prediction's errors over those of the zero-order hold, in one sentence."""
+    ratios = (ratio_to_zoh(evaluated, "forefeel") for evaluated in recordings.values())
+    known = sorted(ratio for ratio in ratios if ratio is not None)
     late = f"With forces that are {quantity(link.delay_s, 's')} late"
     if not known:
         return f"{late}, nothing can be compared: the prediction diverged, or the held force has no error."
@@ -50,7 +50,7 @@ def headline(link: DelayedLink, recordings: Mapping[str, Evaluated]) -> str:
 
 
 def figures(evaluated: Evaluated) -> tuple[Figure, Figure]:
-    """A typical stretch, with the median rms error of forefeel of those one after the other; the whole."""
+    """Pictures of a typical stretch, the one with the median rms error of forefeel, and of the whole."""
     time_s, rows = evaluated.prepared.recording.time_s, evaluated.prepared.rows
     with np.errstate(over="ignore", invalid="ignore"):
         squares = (evaluated.said_n["forefeel"] - evaluated.prepared.force_n)[rows] ** 2
@@ -116,6 +116,7 @@ def regime_text(score: RegimeScore) -> str:
 def in_words(
     link: DelayedLink, rules: Sequence[str], recordings: Mapping[str, Evaluated]
 ) -> Iterator[RenderableType]:
+    """Tables by method and by regime, then notes, headline and rules, for the terminal."""
     numbers = (*METHODS, "in the 95 % band")
     title = f"Error, rms and (its ratio to the zero-order hold), delay {link.delay_s:g} s"
     errors = table("recording", *numbers, title=title, right=numbers)

@@ -50,16 +50,16 @@ def run_evaluation(
         model = checked_model(load_model(model_file), str(model_file)) if model_file else None
         prepared, skipped = _read(files, columns, link)
         fresh_folder(folder, (_JSON, _PAGE), "an earlier evaluation", overwrite)
-        for each in prepared.values():
-            say(": ".join(filter(None, (each.recording.source, each.recording.taken))))
+        for entry in prepared.values():
+            say(": ".join(filter(None, (entry.recording.source, entry.recording.taken))))
         for reason in skipped.values():
             say(f"skipped: {reason}")
         evaluated = _evaluate(prepared, model)
-        said = rules(link, model)
-        document = to_json(link, said, evaluated, skipped)
-        with units_of(*[each.recording.columns for each in prepared.values()]):
-            page = render_page(link, said, evaluated, skipped)
-            lines = list(in_words(link, said, evaluated))
+        stated = rules(link, model)
+        document = to_json(link, stated, evaluated, skipped)
+        with units_of(*[entry.recording.columns for entry in prepared.values()]):
+            page = render_page(link, stated, evaluated, skipped)
+            lines = list(in_words(link, stated, evaluated))
         write_all(folder, {_JSON: document, _PAGE: page}, written)
     answer(*lines, f"{_PAGE}, {_JSON} in {folder}", document=lambda: document)
 
@@ -98,4 +98,4 @@ def _evaluate(prepared: dict[str, Prepared], model: ContactModel | None) -> dict
         def tell(stem: str, method: str) -> None:
             show(next(number), f"{stem}: {method}")
 
-        return {stem: evaluate(each, model, partial(tell, stem)) for stem, each in prepared.items()}
+        return {stem: evaluate(entry, model, partial(tell, stem)) for stem, entry in prepared.items()}

@@ -81,7 +81,7 @@ def estop(  # noqa: PLR0913 - one parameter per option
     through_router: bool,
     insecure: bool,
 ) -> None:
-    """Stops.
+    """Stops a cell by its daemon on this host, else over the network.
 
     Raises:
         InputError: an option or a file is wrong, and no daemon beside us has stopped the cell.
@@ -91,7 +91,7 @@ def estop(  # noqa: PLR0913 - one parameter per option
     if config is not None:
         check_config_alone(cell is not None, connect, pki, through_router)
         try:
-            if _stopped_here(Path(config), reason):
+            if _stop_here(Path(config), reason):
                 return
         except RunError as error:
             why = f"{error}; over the network, then"
@@ -100,19 +100,20 @@ def estop(  # noqa: PLR0913 - one parameter per option
     from forefeel.local import stop  # noqa: PLC0415 - pydantic and Zenoh, which a stop here does not need
 
     if config is not None:
-        caller = stop.caller_of(Path(config), insecure)
+        sender = stop.sender_of(Path(config), insecure)
     else:
-        caller = stop.viewer(cell, connect or (), pki, through_router, insecure)
+        sender = stop.viewer(cell, connect or (), pki, through_router, insecure)
     if why:
         say(why)
-    states = stop.stop_over_network(caller, tuple(axis or caller.axes), reason)
-    where = ", ".join(caller.transport.connect)
-    _confirm(states, stop.all_stopped(states), f"cell {caller.cell} at {where}")
+    states = stop.stop_over_network(sender, tuple(axis or sender.axes), reason)
+    where = ", ".join(sender.transport.connect)
+    _confirm(states, stop.all_stopped(states), f"cell {sender.cell} at {where}")
 
 
 def state_folder(config: Path) -> Path | None:
-    """Of the daemon of that file, by the three values that say it; None: it has other values there, or is of
-    no daemon. Whatever else is wrong with the file keeps nobody from stopping.
+    """State folder of the daemon of that file, from three values; None: it has others, or is no daemon's.
+
+    Whatever else is wrong with the file keeps nobody from stopping.
 
     Raises:
         ConfigurationError: it is no YAML file of settings.
@@ -126,8 +127,8 @@ def state_folder(config: Path) -> Path | None:
     return None
 
 
-def _stopped_here(config: Path, reason: str) -> bool:
-    """Whether the daemon of that file runs here and has stopped the cell; False: the file is of none.
+def _stop_here(config: Path, reason: str) -> bool:
+    """Stops the cell by the daemon of that file on this host, and says so; False: the file is of no daemon.
 
     Raises:
         ConfigurationError: it is no YAML file of settings.
@@ -140,43 +141,41 @@ def _stopped_here(config: Path, reason: str) -> bool:
     lines = [f"{answer.role}: {line}" for line in answer.text]
     if not answer.done:
         raise RunError("; ".join(lines))
-    _tell(*lines, _stopped())
+    _tell(*lines, _stopped_text())
     if answer.role == "slave":
         suggest("clear", config=config)
     return True
 
 
 def _confirm(states: dict[str, str], done: bool, whom: str) -> None:
-    """Says what came of a stop over the network.
+    """Prints the outcome of a stop over the network.
 
     Raises:
         RunError: it is not confirmed.
     """
     axes = [f"axis {axis}: {state}" for axis, state in states.items()]
-    _tell(*axes, *[_stopped()] * done)
+    _tell(*axes, *[_stopped_text()] * done)
     if not done:
-        heard = ", ".join(axes) or "no slave heard"
+        states_text = ", ".join(axes) or "no slave heard"
         raise RunError(
-            f"EMERGENCY STOP NOT CONFIRMED by {whom} in {_since_start_s():.1f} s ({heard}): "
+            f"EMERGENCY STOP NOT CONFIRMED by {whom} in {_since_start_s():.1f} s ({states_text}): "
             "USE THE STOP OF THE MACHINE ITSELF"
         )
 
 
-def _stopped() -> str:
+def _stopped_text() -> str:
     took_ms = _since_start_s() * 1e3
     return f"stopped in {took_ms:.0f} ms; latched until `forefeel clear` on the slave's host"
 
 
 def _since_start_s() -> float:
-    """How long this process runs, interpreter and imports included: up to 10 ms more, for the kernel keeps
-    its start rounded down to a tick.
-    """
+    """Age of this process, imports included; up to 10 ms too much: the kernel rounds its start down."""
     fields = Path("/proc/self/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
     return time.clock_gettime(time.CLOCK_BOOTTIME) - int(fields[19]) / os.sysconf("SC_CLK_TCK")
 
 
 def _tell(*lines: str) -> None:
-    """On stdout; what that is full of or closed to goes to stderr, for the cell is stopped all the same."""
+    """Prints on stdout; on stderr where that is full or closed, for the cell is stopped all the same."""
     text = "\n".join(map(printable, lines))
     try:
         print(text, flush=True)

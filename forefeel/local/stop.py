@@ -1,4 +1,4 @@
-"""An emergency stop over the network, said until every axis of the cell shows it."""
+"""An emergency stop over the network, repeated until every axis of the cell confirms it."""
 
 import socket
 import threading
@@ -32,7 +32,7 @@ _NO_NAME = "unknown-host"
 
 
 def all_stopped(states: Mapping[str, str]) -> bool:
-    """Whether every axis acknowledges the stop, and there is one."""
+    """True when there is an axis, and every one confirms the stop."""
     return set(states.values()) == {SafetyState.ESTOPPED.value}
 
 
@@ -40,7 +40,7 @@ def all_stopped(states: Mapping[str, str]) -> bool:
 class Stopper:
     """Publishes the stop for the named axes, or for every axis that is heard.
 
-    `listens`: to the slaves itself; else its owner passes on what it hears. `news`: an axis says another
+    `listens`: to the slaves itself; else its owner passes on what it receives. `news`: an axis has another
     state than before.
     """
 
@@ -55,7 +55,7 @@ class Stopper:
     _publishers: dict[str, Publisher] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """What an end may hear is less than what an observer may: its axes are named, and asked for each."""
+        """Subscribes to the states of the named axes, for an end may hear no others, or of all."""
         for axis in self.axes:
             key = SLAVE_STATE.key(self.cell, axis)
             self.transport.subscribe(key, partial(self.hear, key))
@@ -63,6 +63,7 @@ class Stopper:
             self.transport.subscribe_all(SLAVE_STATE.key(self.cell, "*"), self.hear)
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
+        """Stores the state of an axis; sets `news` where it is another than before."""
         del receive_ns
         parsed = parse_key(key)
         if parsed is None or parsed[2] is not SLAVE_STATE:
@@ -77,6 +78,7 @@ class Stopper:
             self.news.set()
 
     def say(self, now_ns: int) -> None:
+        """Publishes the stop once to each axis."""
         for axis in self.axes or tuple(self.states):
             if axis not in self._publishers:
                 bus = Bus(self.transport, self.cell, axis, MonotonicClock())
@@ -86,14 +88,12 @@ class Stopper:
             publisher.send(EmergencyStop(**header, source=self.source, reason=self.reason))
 
     def outcome(self) -> dict[str, str]:
-        """State by axis as it is now; one that is only heard counts, too: a stop stops the cell."""
+        """State by axis; one that is heard without being named counts, too: a stop stops the cell."""
         return {**dict.fromkeys(self.axes, "not heard"), **self.states}
 
 
-class Caller(NamedTuple):
-    """Who stops which cell: its transport, its role there, whether it may do without certificates; which axes
-    it knows of.
-    """
+class StopSender(NamedTuple):
+    """Identity and transport with which a stop is sent; `axes`: those that it knows of."""
 
     transport: TransportSettings
     role: PartyRole
@@ -102,24 +102,26 @@ class Caller(NamedTuple):
     axes: tuple[str, ...] = ()
 
 
-def stop_over_network(caller: Caller, axes: tuple[str, ...], reason: str) -> dict[str, str]:
-    """Says the stop every 20 ms, and with each news, until every axis shows it, or 2 s have gone.
+def stop_over_network(sender: StopSender, axes: tuple[str, ...], reason: str) -> dict[str, str]:
+    """Publishes the stop every 20 ms, and at each news, until every axis confirms it, or 2 s have gone.
 
-    Returns what each axis said last.
+    Returns the newest state of each axis.
 
     Raises:
         InputError: an endpoint, a certificate or a name can not be used.
     """
-    cell = caller.cell
+    cell = sender.cell
     for name in (cell, *axes):
         checked_segment(name, "name")
     clock, faults = MonotonicClock(), list[Exception]()
-    party = Party(caller.role, (cell,))
-    opened = ZenohTransport.open(caller.transport, clock, faults.append, party, insecure=caller.insecure)
+    party = Party(sender.role, (cell,))
+    opened = ZenohTransport.open(sender.transport, clock, faults.append, party, insecure=sender.insecure)
     try:
         if opened.notice:
             say(opened.notice)
-        stopper, start_s = Stopper(opened, cell, axes, _who(), reason[:256]), time.monotonic()
+        host = socket.gethostname() or _NO_NAME
+        source = "".join(c if c.isascii() and (c.isalnum() or c in "_.-") else "-" for c in host)[:64]
+        stopper, start_s = Stopper(opened, cell, axes, source, reason[:256]), time.monotonic()
         while True:
             stopper.say(clock.now_ns())
             if stopper.news.wait(EVERY_S):
@@ -131,8 +133,8 @@ def stop_over_network(caller: Caller, axes: tuple[str, ...], reason: str) -> dic
         opened.close()
 
 
-def caller_of(config: Path, insecure: bool) -> Caller:
-    """Whom the file of a slave, a master or a viewer makes a caller.
+def sender_of(config: Path, insecure: bool) -> StopSender:
+    """Sender by the settings file of a slave, a master or a viewer.
 
     Raises:
         ConfigurationError: it is of nobody who may stop a cell, or wrong.
@@ -140,34 +142,28 @@ def caller_of(config: Path, insecure: bool) -> Caller:
     settings = load_any(config, "slave", "master", "viewer")
     if not isinstance(settings, DaemonSettings):
         assert isinstance(settings, ObserverSettings)
-        return Caller(settings.transport, "viewer", settings.cell, insecure)
+        return StopSender(settings.transport, "viewer", settings.cell, insecure)
     axes = tuple(axis.name for axis in settings.axes)
-    return Caller(_towards(settings), settings.role, settings.cell, insecure, axes)
+    return StopSender(_towards(settings), settings.role, settings.cell, insecure, axes)
 
 
 def viewer(
     cell: str | None, connect: Sequence[str], pki: str | None, through_router: bool, insecure: bool
-) -> Caller:
-    """The same by options.
+) -> StopSender:
+    """Sender by the options of a viewer.
 
     Raises:
         ConfigurationError: one can not be used.
     """
-    found = observer(None, cell, connect, None if pki is None else Path(pki), through_router)
-    return Caller(found.transport, "viewer", found.cell, insecure)
+    settings = observer(None, cell, connect, None if pki is None else Path(pki), through_router)
+    return StopSender(settings.transport, "viewer", settings.cell, insecure)
 
 
 def _towards(settings: DaemonSettings) -> TransportSettings:
-    """How somebody beside the daemon of these settings reaches the cell: it listens to nobody."""
+    """Transport of a process beside the daemon of these settings: it connects to all and listens nowhere."""
     transport = settings.transport
     targets = (*transport.connect, *map(_near, transport.listen))
     return transport.model_copy(update={"listen": (), "connect": targets})
-
-
-def _who() -> str:
-    """Who asks, as a name that a message can carry: this host's."""
-    text = socket.gethostname() or _NO_NAME
-    return "".join(c if c.isascii() and (c.isalnum() or c in "_.-") else "-" for c in text)[:64]
 
 
 def _near(endpoint: str) -> str:

@@ -28,9 +28,7 @@ class Child:
     def start(
         self, environment: Mapping[str, str] = {}, descriptors: Sequence[int] = (), hears: bool = False
     ) -> None:
-        """`environment` is added to that of this process; `descriptors` are files for it to inherit; `hears`:
-        what `tell` says.
-        """
+        """Starts it with more `environment`, inherited `descriptors`, and a pipe for `tell` if it `hears`."""
         with self.log.open("wb") as log:
             self._process = subprocess.Popen(
                 self._command,
@@ -43,14 +41,14 @@ class Child:
             )
 
     def tell(self, line: str) -> None:
-        """A line on its standard input; one that has ended does not hear it."""
+        """Writes a line to its standard input, unless it has ended."""
         assert self._process is not None
         assert self._process.stdin is not None
         with suppress(OSError):
             self._process.stdin.write(f"{line}\n".encode())
             self._process.stdin.flush()
 
-    def told_all(self) -> None:
+    def close_input(self) -> None:
         assert self._process is not None
         assert self._process.stdin is not None
         with suppress(OSError):
@@ -72,7 +70,7 @@ class Child:
             self._process.wait()
 
     def check(self) -> None:
-        """Raises what the process ended with, in its own last words."""
+        """Raises InputError for exit code 2, RunError for others but 0, with the last line of its log."""
         code = self._process.returncode if self._process else None
         if code == 0:
             return
@@ -84,9 +82,9 @@ class Child:
 
 
 def free_endpoints(count: int) -> list[str]:
-    """Where nobody listens now, on this host."""
+    """Endpoints of this host at which nobody listens now."""
     sockets = [socket.create_server(("127.0.0.1", 0)) for _ in range(count)]
-    endpoints = [f"tcp/127.0.0.1:{each.getsockname()[1]}" for each in sockets]
-    for each in sockets:
-        each.close()
+    endpoints = [f"tcp/127.0.0.1:{listening.getsockname()[1]}" for listening in sockets]
+    for listening in sockets:
+        listening.close()
     return endpoints

@@ -1,6 +1,4 @@
-"""A loopback over real byte protocols: emulated devices, each in a process of its own, in place of the
-simulated ones.
-"""
+"""A loopback over real byte protocols: emulated devices, a process each, in place of the simulated ones."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -15,8 +13,7 @@ HARDWARE = SIMULATED, SERIAL, CAN
 _BEYOND_M = 0.004  # m of travel beyond the workspace at each end
 # N, full scale of the emulated load cells; over three times the 3 N of the catheter's force limit
 _FULL_SCALE_N = 10.0
-_FASTER = 2.0
-"""How much faster than the limits the drive could be, so that it follows them."""
+_FASTER = 2.0  # speed and acceleration of the drive over the limits, so that it follows them
 _Words = tuple[str, ...]
 _Devices = dict[str, dict[str, object]]
 Emulators = dict[str, _Words]
@@ -24,7 +21,7 @@ Emulators = dict[str, _Words]
 
 
 def check_hardware(hardware: str, recording: bool, virtual: bool) -> None:
-    """Refuses what can not be.
+    """Checks `--hardware`, also against the options that exclude it.
 
     Raises:
         ConfigurationError: an unknown name, or emulated hardware with a recording or in virtual time.
@@ -44,7 +41,7 @@ def check_hardware(hardware: str, recording: bool, virtual: bool) -> None:
 
 
 def on_bench(plan: Plan, hardware: str, ports: Path, out: Path, seed: int) -> tuple[Plan, Emulators]:
-    """The plan with emulated devices, whose ports lie in the folder `ports`; `out` gets the settings."""
+    """Plan with emulated devices at ports in `ports`, and their commands, which read settings in `out`."""
     if hardware == SIMULATED:
         return plan, {}
     axis = plan.slave_settings().axes[0]

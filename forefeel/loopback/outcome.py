@@ -1,4 +1,4 @@
-"""What a loopback run says beside its ten lines: it was never armed, or this host was too slow. Pure."""
+"""Outcome of a loopback run beside its ten lines: it was never armed, or this host was too slow. Pure."""
 
 from forefeel.common.errors import RunError
 from forefeel.common.lateness import FEW_MISSED
@@ -13,19 +13,19 @@ _STOPPED = frozenset({SafetyState.STOPPING, SafetyState.FAULT, SafetyState.ESTOP
 def require_armed(report: RunReport) -> None:
     """Raises RunError, with the cause, when the slave was never armed."""
     if report.armed_share is None:
-        found = [_cause(report), *_lateness(report)]
-        raise RunError(f"the slave was never armed: {'; '.join(found)}")
+        causes = [_cause(report), *_lateness(report)]
+        raise RunError(f"the slave was never armed: {'; '.join(causes)}")
 
 
 def amber_line(report: RunReport) -> str | None:
-    """That this host was too slow for a loop; what became of the motion stands in the ten lines."""
+    """Line on a host too slow for a loop, else None; what became of the motion stands in the ten lines."""
     if not (_is_slow(report.loop.master) or _is_slow(report.loop.slave)):
         return None
     return f"This host was too slow for 1 kHz: {'; '.join(_lateness(report))}."
 
 
 def _is_slow(loop: LoopFigures) -> bool:
-    """Whether a loop missed too many ticks, or stood still for as long as the watchdog waits."""
+    """True where a loop missed too many ticks, or stood still for as long as the watchdog waits."""
     assert COMMAND.stale_after_s is not None
     missed = loop.missed or 0
     stood_still = (loop.max_us or 0.0) > COMMAND.stale_after_s * 1e6
@@ -46,8 +46,8 @@ def _lateness(report: RunReport) -> list[str]:
 
 
 def _cause(report: RunReport) -> str:
-    """Why the slave was not armed, as far as it was recorded."""
-    unasked = [each for each in report.safety_events if each.after in _STOPPED and each.event != "release"]
+    """Reason why the slave was not armed: a stop, a refusal, the newest event, or no session."""
+    unasked = [note for note in report.safety_events if note.after in _STOPPED and note.event != "release"]
     if unasked:
         return _words(unasked[-1])
     rules = [rule for rule in ("round_trip", "alignment") if f"limit_{rule}" in report.counters]

@@ -1,4 +1,4 @@
-"""What a loopback run does: the settings of both ends, from a preset or from a measured recording."""
+"""Plan of a loopback run: the settings of both ends, from a preset or from a measured recording."""
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -33,7 +33,7 @@ _WORLD_MAX_N = {"catheter": 3.0, "guidewire": 0.3}
 # guidewire forces lie near the absolute threshold of the finger and are felt only when scaled
 _GUIDEWIRE_SCALE = 10.0
 HAND_MAX_N = 4.0
-"""What the hand is given at most."""
+"""Force in N that the hand is given at most."""
 _APPROACH_M_S = 0.03  # m/s, fastest approach to the recording's start
 # A simulated world says where its wall begins and not how wide it is: radii in those of the instrument,
 # wider up to there and narrower beyond, for the wall resists more the deeper.
@@ -60,9 +60,7 @@ class LoopbackOptions:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """Settings of both ends; `duration_s` None: until the recording has been played. `notes`: what to tell
-    the user.
-    """
+    """Settings of both ends; `duration_s` None: until the recording was played. `notes`: for the user."""
 
     slave: dict[str, Any]
     master: dict[str, Any]
@@ -78,7 +76,7 @@ class Plan:
         return checked(MasterSettings, self.master, self._where("master"))
 
     def recorded(self) -> dict[str, str]:
-        """The metadata of the recording: with what the slave simulates, where stage and load cell are."""
+        """Metadata of the recording: run, vessel, and the slave's axis if its devices are simulated."""
         axis, vessel = self.slave_settings().axes[0], self.vessel()
         drawn = {} if vessel is None else {RECORDED: vessel.model_dump_json()}
         if {axis.stage.driver, axis.load_cell.driver} != {"simulated"}:
@@ -88,7 +86,7 @@ class Plan:
         return {**self.metadata, **drawn, **simulated}
 
     def vessel(self) -> VesselSettings | None:
-        """What a picture may show of the simulated world; None where recorded forces take its place."""
+        """Vessel of the simulated world, for the picture; None where recorded forces take its place."""
         axis = self.slave_settings().axes[0]
         return None if axis.load_cell.driver == "recorded" else _vessel(axis.simulation, axis.name)
 
@@ -104,7 +102,7 @@ class Plan:
 
 
 def _vessel(world: WorldSettings, axis: str) -> VesselSettings:
-    """Where the wall begins, and a valve at the entrance where something rubs along the shaft."""
+    """Vessel that narrows to and beyond the contact; with a valve where something rubs along the shaft."""
     hidden = world.hidden.effects.effects if world.hidden else ()
     effects = [(entry.instance(), entry.site) for entry in (*world.contact.effects, *hidden)]
     shaft = [e for e, site in effects if isinstance(e, ForceEffect) and (site or e.site) == "shaft"]
@@ -122,7 +120,7 @@ def _vessel(world: WorldSettings, axis: str) -> VesselSettings:
 
 
 def make_plan(options: LoopbackOptions) -> Plan:
-    """Settings of both ends for what the user asked.
+    """Checks the options, and makes the settings of both ends.
 
     Raises:
         InputError: an unknown preset, or a file that can not be used.
@@ -177,6 +175,7 @@ def _check(options: LoopbackOptions) -> None:
 
 
 def _axes(options: LoopbackOptions) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Settings of the slave's and of the master's axis, with a simulated world and an operator."""
     preset = options.preset or _DEFAULT_PRESET
     limits = {"max_force_n": _WORLD_MAX_N[preset]}
     slave_axis: dict[str, Any] = {
@@ -208,6 +207,7 @@ def _metadata(options: LoopbackOptions) -> dict[str, str]:
 
 
 def _load_models(options: LoopbackOptions, slave_axis: dict[str, Any], master_axis: dict[str, Any]) -> None:
+    """Enters the model files of the options into both axes; raises InputError for one that is wrong."""
     if options.slave_model is not None:
         load_model(options.slave_model)  # for an error that names the file and nothing around it
         slave_axis["simulation"]["model"] = str(options.slave_model.resolve())
@@ -219,7 +219,7 @@ def _load_models(options: LoopbackOptions, slave_axis: dict[str, Any], master_ax
 
 
 def _hide(options: LoopbackOptions, slave_axis: dict[str, Any]) -> None:
-    """Adds the effects of `--hide` to the simulated world; the master hears nothing of them."""
+    """Adds the effects of `--hide` to the simulated world alone; raises InputError for wrong options."""
     if options.hide is None:
         if options.hide_at_s:
             raise ConfigurationError(f"--hide-at {options.hide_at_s:g}: expected only with --hide")
@@ -239,7 +239,7 @@ def _source(options: LoopbackOptions) -> dict[str, Any]:
 
 
 def _refuse_world_options(options: LoopbackOptions) -> None:
-    """Recorded forces take the place of the simulated instrument."""
+    """Raises ConfigurationError for options of a simulated instrument: recorded forces take its place."""
     for option, value in (
         ("--preset", options.preset),
         ("--slave-model", options.slave_model),
@@ -256,8 +256,8 @@ def _refuse_world_options(options: LoopbackOptions) -> None:
 def play(
     recording: "Recording", source: dict[str, Any], slave_axis: dict[str, Any], master_axis: dict[str, Any]
 ) -> tuple[str, ...]:
-    """Limits and scale from the recording; the recorded force in place of the simulated one where there is
-    one. Returns what to tell the user. `source`: the recording as settings of a device name it.
+    """Fits both axes to the recording: limits, stage, handle, and the recorded force where there is one.
+    Returns notes for the user. `source`: the recording as the settings of a device name it.
     """
     limits = recording_limits(recording, slave_axis["limits"]["max_force_n"])
     low, high = limits["workspace_m"]
@@ -290,7 +290,7 @@ def _play_force(
     slave_axis: dict[str, Any],
     master_axis: dict[str, Any],
 ) -> list[str]:
-    """The load cell answers with the recorded force; what the hand feels of it stays within the hand's."""
+    """Makes the load cell play the recorded force and scales that to the hand; returns notes for the user."""
     sign = resisting_sign(recording)
     slave_axis["load_cell"] = {"driver": "recorded", "force_sign": sign, **source}
     slave_axis["gate"]["force_timeout_s"] = None

@@ -1,6 +1,4 @@
-"""Both daemons as two processes over a real Zenoh session; this process records, shows progress and ends them
-in order.
-"""
+"""Both daemons as processes over a real Zenoh session; this one records, shows progress and ends them."""
 
 import time
 from collections.abc import Sequence
@@ -14,7 +12,7 @@ from forefeel.common.errors import CodecError, RunError
 from forefeel.common.messages import FOLLOWING
 from forefeel.common.topics import COMMAND, SLAVE_STATE, Topic
 from forefeel.common.transport.settings import TransportSettings
-from forefeel.interrupt import Stop, heeded
+from forefeel.interrupt import Stop, signal_flag
 from forefeel.loopback.child import Child, free_endpoints
 from forefeel.loopback.hardware import Emulators
 from forefeel.loopback.plan import AXIS, STATE, Plan
@@ -39,7 +37,7 @@ def run_real(
     emulators: Emulators,
     viewer: DashboardProcess | None,
 ) -> None:
-    """Runs to the end and leaves out/recording.mcap; `progress` is entered when the daemons have
+    """Runs both daemons to the end and leaves out/recording.mcap; `progress` is entered when the daemons have
     started, and shown (seconds done, what happens).
 
     The master starts first, for it takes longest. The recorder listens before the slave starts, so that it
@@ -54,7 +52,7 @@ def run_real(
     if viewer is not None:
         slave_at, *master_at = viewer.endpoints
     plan = with_state(_with_endpoints(plan, slave_at, recorder_at, *master_at), out)
-    with heeded() as stop:
+    with signal_flag() as stop:
         paths = plan.write(out)
         ends = () if plan.duration_s is None else ("--duration", f"{plan.duration_s}")
         slave = Child("slave", ("slave", "--config", str(paths[0])), out)
@@ -62,8 +60,12 @@ def run_real(
         devices = [Child(name, ("emulate", *words), out) for name, words in emulators.items()]
         recorder: Recorder | None = None
         try:
-            if _started(devices, master, stop):
-                recorder = _recorder(out / "recording.mcap", plan, recorder_at)
+            if _start_all(devices, master, stop):
+                from forefeel import recorder as recording  # noqa: PLC0415 - the master starts meanwhile
+
+                transport = TransportSettings(listen=(recorder_at,))
+                path = out / "recording.mcap"
+                recorder = recording.Recorder(path, plan.slave["cell"], transport, plan.recorded())
                 slave.start()
                 with progress as show:
                     _watch(slave, master, recorder, plan, show, stop)
@@ -79,27 +81,19 @@ def run_real(
         child.check()
 
 
-def _recorder(path: Path, plan: Plan, endpoint: str) -> "Recorder":
-    from forefeel.recorder import Recorder  # noqa: PLC0415 - the master starts meanwhile
-
-    return Recorder(path, plan.slave["cell"], TransportSettings(listen=(endpoint,)), plan.recorded())
-
-
-def _started(devices: Sequence[Child], master: Child, stop: Stop) -> bool:
-    """Starts all of them, the devices one after the other; False as soon as a signal came."""
+def _start_all(devices: Sequence[Child], master: Child, stop: Stop) -> bool:
+    """Starts the devices one after the other, then the master; False as soon as a signal came."""
     for child in (*devices, master):
         if stop.wanted():
             return False
         child.start()
         if child in devices:
-            _await_word(child, stop)
+            _await_output(child, stop)
     return True
 
 
-def _await_word(device: Child, stop: Stop) -> None:
-    """Until it has said a line: an emulated device can be opened then, and a start disturbs nobody. Or until
-    a signal came.
-    """
+def _await_output(device: Child, stop: Stop) -> None:
+    """Waits until the device logs that it can be opened, or a signal came; RunError: it ended before."""
     end_s = time.monotonic() + _START_S
     while not (device.log.stat().st_size or stop.wanted()):
         if not device.running or time.monotonic() > end_s:
@@ -110,7 +104,7 @@ def _await_word(device: Child, stop: Stop) -> None:
 
 
 def _watch(slave: Child, master: Child, recorder: "Recorder", plan: Plan, show: Show, stop: Stop) -> None:
-    """Until the master ends by itself, a signal came or anything fails."""
+    """Shows progress until the master ends by itself or a signal came; raises RunError for a failure."""
     start_s, ready_s = time.monotonic(), None
     key = f"forefeel/{plan.slave['cell']}/{AXIS}"
     while master.running and slave.running:
@@ -136,7 +130,7 @@ def _watch(slave: Child, master: Child, recorder: "Recorder", plan: Plan, show: 
 
 
 def _await_release(recorder: "Recorder", key: str) -> None:
-    """The master's last word may still be on its way to the slave, which otherwise would count a stop."""
+    """Waits until the slave has received the release, 1 s at most; else it would count a stop."""
     for _ in range(int(_RELEASE_S / _POLL_S)):
         state = _newest(recorder, key, SLAVE_STATE)
         if state is None or state.state not in FOLLOWING:
@@ -153,7 +147,7 @@ def _newest(recorder: "Recorder", key: str, topic: Topic[M]) -> M | None:
 
 
 def _with_endpoints(plan: Plan, slave: str, recorder: str, *master: str) -> Plan:
-    """The master connects to the slave, both to the recorder; `master`: where it listens, for a viewer."""
+    """Connects the master to the slave, both to the recorder; `master`: where it listens, for a viewer."""
     return replace(
         plan,
         slave={**plan.slave, "transport": {"listen": [slave], "connect": [recorder]}},
@@ -162,6 +156,6 @@ def _with_endpoints(plan: Plan, slave: str, recorder: str, *master: str) -> Plan
 
 
 def with_state(plan: Plan, out: Path) -> Plan:
-    """Both keep their event log and flight records with the results."""
+    """Puts the event logs and flight records of both ends beside the results."""
     slave, master = ({"directory": str((out / STATE / role).absolute())} for role in ("slave", "master"))
     return replace(plan, slave={**plan.slave, "state": slave}, master={**plan.master, "state": master})

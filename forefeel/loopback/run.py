@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from forefeel.common.errors import ConfigurationError
 from forefeel.dashboard.chapter import Chapter
 from forefeel.files import fresh_folder
-from forefeel.interrupt import ends_in_order, heeded
+from forefeel.interrupt import ends_in_order, signal_flag
 from forefeel.loopback.hardware import check_hardware, on_bench
 from forefeel.loopback.plan import STATE, LoopbackOptions, Plan, make_plan
 from forefeel.loopback.real import run_real
@@ -74,7 +74,7 @@ def recorded_run(
     overwrite: bool,
     virtual: bool = False,
 ) -> "RunReport":
-    """The same without a word but what is going on. What only the end needs is imported there."""
+    """Plans, runs and writes the report, without the ten lines. Only the end imports what it needs alone."""
     with ends_in_order("loopback", folder) as written:
         check_hardware(options.hardware, options.recording is not None, virtual)
         plan = make_plan(options)
@@ -111,7 +111,7 @@ def _run(
     written: list[str],
     viewer: DashboardProcess | None,
 ) -> None:
-    """Leaves the recording, also of a run that was interrupted."""
+    """Runs in real or virtual time and leaves the recording, also of a run that was interrupted."""
     progress = bar(plan.expected_s, "{task.completed:5.1f} / {task.total:.1f} s")
     if virtual:
         with progress as show:
@@ -124,10 +124,11 @@ def _run(
 
 
 def _run_virtual(plan: Plan, seed: int, path: Path, written: list[str], show: Show) -> None:
+    """Runs in virtual time; adds the recording to `written`, or deletes it where it is empty."""
     from forefeel.loopback.virtual import VirtualLoopback  # noqa: PLC0415 - both daemons, which start themselves else
 
     loop = VirtualLoopback(plan, seed)
-    with heeded() as stop:
+    with signal_flag() as stop:
         try:
             with loop.recording(path) as write_on:
 

@@ -12,7 +12,7 @@ from typing import Self
 from forefeel.child_process import LISTENING, listening_at
 from forefeel.common.errors import EndpointError
 from forefeel.dashboard.chapter import Chapter
-from forefeel.interrupt import heeded
+from forefeel.interrupt import signal_flag
 from forefeel.loopback.child import Child, free_endpoints
 
 PORT = 8600  # TCP port of the page, the default of `forefeel dashboard --port`, where it is free
@@ -48,7 +48,7 @@ class DashboardProcess:
         self._started = False
 
     def start(self) -> None:
-        """Once; the folder is there."""
+        """Starts the dashboard at the first call, once `out` exists; a failure is a line for the user."""
         if self._started:
             return
         self._started = True
@@ -78,24 +78,24 @@ class DashboardProcess:
             self._child.end()
 
     def tell(self, chapter: Chapter) -> None:
-        """What the page shows from now on."""
+        """Shows that chapter from now on."""
         self.chapter = chapter
         if self._child is not None:
             self._child.tell(chapter.model_dump_json())
 
     def stay(self, chapter: Chapter) -> None:
-        """The last chapter, until a signal; where there is no terminal as long as somebody looks."""
+        """Shows the last chapter until a signal; where there is no terminal as long as somebody looks."""
         if self._child is None:
             return
-        with heeded() as stop:
+        with signal_flag() as stop:
             self.tell(chapter.model_copy(update={"stays": self._stays}))
-            self._child.told_all()
+            self._child.close_input()
             while self._child.running and not stop.wanted():
                 time.sleep(_POLL_S)
 
 
 def _listening(port: int) -> socket.socket:
-    """At that port, or at any; whoever opens the page before it is served waits and is not refused."""
+    """Listens at that port, or at any; a page opened before it is served waits, and is not refused."""
     try:
         return listening_at("127.0.0.1", port)
     except EndpointError:

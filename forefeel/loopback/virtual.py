@@ -1,6 +1,4 @@
-"""Both daemons in virtual time: the same composition roots, gates and impairment on the memory bus, bit for
-bit repeatable.
-"""
+"""Both daemons in virtual time: the same gates and impairment on the memory bus, bit for bit repeatable."""
 
 import gc
 from collections.abc import Callable, Iterator
@@ -50,7 +48,7 @@ class VirtualLoopback:
         self._plan = plan
 
     def run(self, progress: Callable[[float], None]) -> None:
-        """Runs to the end; `progress` gets the virtual time in s."""
+        """Runs to the end, and shuts both ends down; `progress` gets the virtual time in s."""
         start_ns = self.runtime.clock.now_ns()
         limit_s = self._plan.duration_s or 2 * self._plan.expected_s + _GRACE_S
 
@@ -66,7 +64,7 @@ class VirtualLoopback:
             gc.enable()
 
     def _come_to_rest(self) -> None:
-        """Master first, the slave when it has heard of it, as in real time."""
+        """Ends the master first, the slave when it has received that, as in real time; closes both."""
         self.master.shut_down()
         self.runtime.run(_SECOND_NS, lambda _now_ns: not self.slave.at_rest)
         self.slave.shut_down()
@@ -81,7 +79,7 @@ class VirtualLoopback:
 
     @contextmanager
     def recording(self, path: Path) -> Iterator[Callable[[], None]]:
-        """Gives what writes on, so that little is left for the end, for which an interrupted run waits."""
+        """Writes the recording at the end; the function that it gives writes before what has come by then."""
         with RunWriter(path) as writer:
             writer.add_metadata("run", self._plan.recorded())
 
@@ -97,5 +95,5 @@ class VirtualLoopback:
     def _record(self, key: str, payload: bytes, receive_ns: int) -> None:
         parsed = parse_key(key)
         if parsed is not None and parsed[2].recorded:
-            heard = observed(parsed[2], payload, receive_ns, self._codec)
-            self.messages += [(key, message, message_ns) for message, message_ns in heard]
+            entries = observed(parsed[2], payload, receive_ns, self._codec)
+            self.messages += [(key, message, message_ns) for message, message_ns in entries]

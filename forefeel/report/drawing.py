@@ -51,7 +51,7 @@ class Figure:
 
 
 class AxisUnit:
-    """What one axis shows, with the prefix that suits what is drawn: `AxisUnit("force", "N", values)`."""
+    """Label and scale of an axis, with the prefix that suits the values: `AxisUnit("force", "N", values)`."""
 
     def __init__(self, label: str, unit: str, *values: Floats) -> None:
         largest = max((float(np.max(np.abs(v), initial=0.0)) for v in values), default=0.0)
@@ -95,7 +95,7 @@ def panel(title: str, y: Range | None = None, **more: object) -> Layer:
 
 
 def spec(panels: Sequence[Layer], ends: tuple[float, float] | None = None, **x: object) -> Layer:
-    """One canvas. `ends` of x, else those of the layers; `x`: label, unit, log."""
+    """Canvas of panels, rounded for JSON. `ends` of x, else those of the layers; `x`: label, unit, log."""
     columns = [layer["rows"][:, 0] for of in panels for kind in _LAYERS for layer in of.get(kind, ())]
     low, high = ends or _ends(np.concatenate([np.empty(0), *columns]), 0.0) or (0.0, 1.0)
     high = high if high > low else low + 1.0
@@ -112,7 +112,7 @@ def limits(
     Each trace's lowest and highest values, a share `trim`, do not count. `zero`: it is in the picture. None:
     there is no value.
     """
-    ends = [found for trace in traces if (found := _ends(trace, trim))]
+    ends = [pair for trace in traces if (pair := _ends(trace, trim))]
     if not ends:
         return None
     ends += [(0.0, 0.0)] if zero else []
@@ -183,6 +183,7 @@ def _rounded(of: Layer, x_places: int | None) -> Layer:
 
 
 def _rows(rows: Floats, x_places: int | None, y: Range) -> list[tuple[float | None, ...]]:
+    """Rounded rows for JSON, None for NaN; values far outside of `y` are clipped."""
     values = rows[:, 1:]
     low, high = (y["min"], y["max"]) if "min" in y else _ends(values.ravel(), 0.0) or (0.0, 1.0)
     values = values.clip(2 * low - high, 2 * high - low)
@@ -192,7 +193,7 @@ def _rows(rows: Floats, x_places: int | None, y: Range) -> list[tuple[float | No
 
 
 def _column(values: Floats, places: int | None) -> list[float | None]:
-    """With so many places behind the point; None: of four digits."""
+    """Values rounded to so many places behind the point, or to four digits; None for NaN."""
     if places is None:
         return [float(f"{value:.4g}") if isfinite(value) else None for value in values.tolist()]
     return [value if isfinite(value) else None for value in (np.round(values, places) + 0.0).tolist()]

@@ -1,4 +1,4 @@
-"""What report.json holds."""
+"""Models of report.json."""
 
 from typing import Annotated, ClassVar, Literal
 
@@ -29,7 +29,7 @@ class ScoredCommands(_Part):
 
 
 class LoopFigures(_Part):
-    """Lateness of a loop since its start, from its last word; None when it said nothing."""
+    """Lateness of a loop since its start, as published last; None when nothing was recorded."""
 
     p50_us: float | None = None
     p99_us: float | None = None
@@ -53,7 +53,7 @@ class ParameterFigures(_Part):
 
 
 class ModelFigures(_Part):
-    """How far the identification came, and what prior it started from; None when it said nothing."""
+    """Progress of the identification, and the prior that it started from; None when nothing was recorded."""
 
     valid: bool | None = None
     samples: int | None = None
@@ -64,7 +64,7 @@ class ModelFigures(_Part):
 
 
 class PredictorFigures(_Part):
-    """What the predictor said of itself: its 95 % band, and which expert led for which share of the time.
+    """The predictor's 95 % band, and the share of the time for which each expert led.
 
     `coverage_95`: share of the scored commands whose force lay in the band; `band_width_n`: its mean width.
     """
@@ -136,5 +136,5 @@ class RunReport(AxisReport, _RunFields):
     axes: dict[str, AxisReport] = {}
 
     def to_json(self) -> str:
-        """As JSON text: keys in the order of the fields, None as null, never NaN."""
+        """JSON text: keys in the order of the fields, None as null, never NaN."""
         return self.model_dump_json(by_alias=True, indent=2) + "\n"

@@ -37,8 +37,7 @@ from forefeel.report.wording import DISCLAIMER, in_order, micros, named, number,
 from forefeel.terminal import answer, suggest
 
 FILES = ("report.json", "report.html")
-_TRIM = 0.002
-"""Share of the highest and of the lowest values of a trace that may lie outside of its picture."""
+_TRIM = 0.002  # share of the highest and of the lowest values of a trace that may lie outside of its picture
 
 _MOST_PARAMETERS = 24  # that are drawn
 _LONGEST = 99  # characters of a line in the terminal
@@ -123,7 +122,7 @@ def render_page(report: RunReport, run: Run) -> str:
 
 
 def still(run: Run, axis: str, traces: AxisTraces) -> Figure | None:
-    """The vessel when the late force was furthest from the measured; None where the tip is not known."""
+    """The vessel when the late force was furthest from the measured; None: no vessel, or tip not known."""
     vessel, of, known = of_recording(run.metadata), traces.commands, traces.parameters
     rows = np.flatnonzero(scored(of.predicted_n, of.zoh_n, of.force_n))
     # what was gripped anew is inserted by another length
@@ -133,7 +132,7 @@ def still(run: Run, axis: str, traces: AxisTraces) -> Figure | None:
     row = rows[np.argmax(np.abs(of.zoh_n - of.force_n)[rows])]
     reported_s = of.time_s[row] - np.nanmedian(traces.force_age_s)
     tip_m = np.interp(reported_s, traces.readback_time_s, traces.readback_m)
-    most_mn, felt_mn = (1e3 * np.nanmax(np.abs(each)) for each in (of.zoh_n, of.rendered_n))
+    most_mn, felt_mn = (1e3 * np.nanmax(np.abs(force_n)) for force_n in (of.zoh_n, of.rendered_n))
     spec = {
         "vessel": vessel.model_dump(mode="json"),
         "reach_mm": [1e3 * end(of.position_m) + vessel.tip_mm for end in (np.nanmin, np.nanmax)],
@@ -193,7 +192,7 @@ def _trace(name: str, colour: str, time_s: Floats, values: Floats, **more: objec
 
 
 def _along_time(traces: AxisTraces, panels: list[Layer]) -> Layer:
-    """On the whole time of the recording, so that figures can be compared."""
+    """Panels on the whole time of the recording, so that figures can be compared."""
     return spec(panels, (0.0, traces.duration_s or 1.0), unit="s")
 
 
@@ -223,6 +222,7 @@ def parameters(traces: AxisTraces) -> Figure | None:
 
 
 def _parameter(traces: AxisTraces, known: ParameterTraces, index: int) -> Layer:
+    """One parameter along time with its band; y holds all but the first quarter."""
     label, plain = named(known.names[index])
     known_s, later = known.time_s, slice(len(known.time_s) // 4, None)
     factor, unit = scale(plain, float(np.abs(known.values[later, index]).max()))
@@ -238,7 +238,7 @@ def _parameter(traces: AxisTraces, known: ParameterTraces, index: int) -> Layer:
 
 
 def story(part: AxisReport) -> tuple[str, list[str]]:
-    """What forefeel was worth in one sentence, and what it rests on."""
+    """Headline on the error of the felt or predicted force beside the late one's, and sentences of detail."""
     felt, scored_n = part.transparency, part.commands.scored
     if felt is None and not scored_n:
         return "Nothing was judged: there is no force to compare with.", []
@@ -263,12 +263,12 @@ def _in_place(size: ErrorSize, late: ErrorSize) -> str:
 
 
 def not_scored(commands: ScoredCommands) -> str:
-    """Why commands were not scored, the most frequent reason first."""
+    """Reasons why commands were not scored with their numbers, the most frequent first."""
     return in_order({words: commands.reasons.get(name, 0) for name, words in _REASONS.items()})
 
 
 def refused(counters: Mapping[str, int]) -> str:
-    """How many commands the slave's gate refused, and by which rules."""
+    """Number of commands that the slave's gate refused, in all and by rule."""
     start = "slave_refused_"
     rules = {name.removeprefix(start): n for name, n in counters.items() if name.startswith(start)}
     by_rule = in_order({_RULES.get(name, name): n for name, n in rules.items()})
@@ -276,7 +276,7 @@ def refused(counters: Mapping[str, int]) -> str:
 
 
 def injected(counters: Mapping[str, int]) -> str:
-    """What the injected impairment did on purpose to messages of both ends, after a semicolon; or nothing."""
+    """Messages that the injected impairment dropped, duplicated or delayed, after a semicolon; or nothing."""
 
     def total(what: str) -> int:
         return sum(
@@ -295,42 +295,43 @@ def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
     lines = [
         f"Run        {report.recording}: {report.duration_s:.1f} s{ended}, axis {report.axis or 'none'}, "
         f"impairment {report.impairment or 'unknown'}, seed {report.seed or 'unknown'}",
-        f"Felt       {_felt(report.transparency)}",
-        f"Prediction {_predicted(report)}",
+        f"Felt       {_felt_text(report.transparency)}",
+        f"Prediction {_prediction_text(report)}",
         f"Scored     {report.commands.scored} of {report.commands.sent} commands; "
         f"{not_scored(report.commands) or 'all'}",
         f"Delay      {quantity(report.delay_s.p50, 's')} p50, {quantity(report.delay_s.p99, 's')} p99, "
         f"{quantity(report.delay_s.max, 's')} max, of a round trip; newest force "
         f"{quantity(report.force_age_s.p50, 's')} old",
         f"Armed      {share(report.armed_share)} of the session; {number(report.stops)} stops nobody chose",
-        f"Loops      {_loops(report.loop)}",
+        f"Loops      {_loops_text(report.loop)}",
         f"Counters   {limited} motions limited; {refused(report.counters)}{injected(report.counters)}",
         f"Files      report.html, report.json{where}",
         DISCLAIMER,
     ]
-    return [_fitted(line) for line in lines]
+    printed = map(printable, lines)  # names in a recording may hold anything
+    return [line if len(line) <= _LONGEST else f"{line[: _LONGEST - 3]}..." for line in printed]
 
 
-def _felt(found: Transparency | None) -> str:
-    if found is None:
+def _felt_text(score: Transparency | None) -> str:
+    if score is None:
         return "not judged: only a simulated world knows the true force"
-    within = f"unnoticeable {share(found.within_jnd)} of the time"
-    return f"{_against(found.felt, found.held, found.ratio)}; {within}"
+    within = f"unnoticeable {share(score.within_jnd)} of the time"
+    return f"{_error_text(score.felt, score.held, score.ratio)}; {within}"
 
 
-def _predicted(report: RunReport) -> str:
+def _prediction_text(report: RunReport) -> str:
     if not report.commands.scored:
         return "not judged: no command has a prediction and an answer"
     settled = f"after {SETTLING_S:g} s of learning {ratio(report.settled.ratio)}"
-    return f"{_against(report.prediction, report.zoh, report.ratio)}; {settled}"
+    return f"{_error_text(report.prediction, report.zoh, report.ratio)}; {settled}"
 
 
-def _against(size: ErrorSize, late: ErrorSize, times: float | None) -> str:
+def _error_text(size: ErrorSize, late: ErrorSize, times: float | None) -> str:
     late_n = quantity(late.rms_n, "N")
     return f"{quantity(size.rms_n, 'N')} rms error in place of {late_n} late ({ratio(times)})"
 
 
-def _loops(loops: Loops) -> str:
+def _loops_text(loops: Loops) -> str:
     if loops.master.max_us == 0.0 == loops.slave.max_us:
         return "in virtual time: no lateness"
     of = {"master": loops.master, "slave": loops.slave}
@@ -338,9 +339,3 @@ def _loops(loops: Loops) -> str:
         f"{role} {micros(loop.p50_us)}/{micros(loop.p99_us)}, {number(loop.missed)} missed"
         for role, loop in of.items()
     )
-
-
-def _fitted(line: str) -> str:
-    """One printable line: names in a recording may hold anything."""
-    clean = printable(line)
-    return clean if len(clean) <= _LONGEST else f"{clean[: _LONGEST - 3]}..."

@@ -1,4 +1,4 @@
-"""How good the prediction was, command by command; pure functions of arrays.
+"""Scores of the prediction, command by command; pure functions of arrays.
 
 A prediction is made for a command. What it should have been is known later: the first force that the slave
 measured while it executed that very command. So both are paired by the command's number, not by a clock, and
@@ -82,13 +82,13 @@ def stretches(answers_sequence: Floats, stamp_ns: NDArray[Any]) -> Indices:
     order = np.argsort(stamp_ns, kind="stable")
     following = ~np.isnan(answers_sequence[order])
     begins = following & ~np.append(False, following[:-1])[: len(following)]
-    found = np.empty(len(order), dtype=np.int64)
-    found[order] = np.where(following, np.cumsum(begins), -1)
-    return found
+    numbers = np.empty(len(order), dtype=np.int64)
+    numbers[order] = np.where(following, np.cumsum(begins), -1)
+    return numbers
 
 
 def of_one_stretch(stretch: Indices) -> NDArray[np.bool_]:
-    """Which commands were sent within a stretch: the nearest that is known before and after is the same.
+    """Marks commands sent within a stretch: the nearest that is known before and after is the same.
 
     Args:
         stretch: in which each command was executed, in the order of sending; -1: it was not executed.
@@ -102,7 +102,7 @@ def of_one_stretch(stretch: Indices) -> NDArray[np.bool_]:
 
 
 def scored(predicted_n: Floats, zoh_n: Floats, force_n: Floats) -> NDArray[np.bool_]:
-    """Where all three exist (are not NaN)."""
+    """Marks the commands for which all three exist (are not NaN)."""
     return np.isfinite(predicted_n) & np.isfinite(zoh_n) & np.isfinite(force_n)
 
 

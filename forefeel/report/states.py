@@ -7,7 +7,7 @@ from forefeel.common.messages import FOLLOWING, SafetyEvent, SafetyState
 from forefeel.slave.safety import SafetyEventName
 
 START_S = 5.0
-"""How long a slave may take from the opened session to the first arming."""
+"""Time that a slave may take from the opened session to the first arming."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,34 +19,34 @@ class Span:
     state: SafetyState | None
 
 
-def spans(heard: Iterable[tuple[int, SafetyState]], end_ns: int, stale_ns: int) -> list[Span]:
-    """The states as spans without gaps, from the first one heard to `end_ns`.
+def spans(reports: Iterable[tuple[int, SafetyState]], end_ns: int, stale_ns: int) -> list[Span]:
+    """The states as spans without gaps, from the first report to `end_ns`.
 
-    A state lasts until the next is heard, for `stale_ns` at most: a slave that was killed while armed is
+    A state lasts until the next report, for `stale_ns` at most: a slave that was killed while armed is
     not armed any more.
     """
-    found: list[Span] = []
-    pieces = list(heard)
+    joined: list[Span] = []
+    pieces = list(reports)
     starts_ns = [*(start_ns for start_ns, _ in pieces), end_ns]
     for (start_ns, state), next_ns in zip(pieces, starts_ns[1:], strict=True):
         known_ns = min(next_ns, start_ns + stale_ns)
-        _append(found, Span(start_ns, known_ns, state))
-        _append(found, Span(known_ns, next_ns, None))
-    return found
+        _append(joined, Span(start_ns, known_ns, state))
+        _append(joined, Span(known_ns, next_ns, None))
+    return joined
 
 
-def _append(found: list[Span], span: Span) -> None:
+def _append(joined: list[Span], span: Span) -> None:
     if span.end_ns <= span.start_ns:
         return
-    if found and found[-1].state is span.state:
-        span = Span(found.pop().start_ns, span.end_ns, span.state)
-    found.append(span)
+    if joined and joined[-1].state is span.state:
+        span = Span(joined.pop().start_ns, span.end_ns, span.state)
+    joined.append(span)
 
 
 def session_end_ns(
     transitions: Sequence[tuple[int, SafetyEvent]], wanted_ns: int | None, heard_ns: int
 ) -> int:
-    """When the last session ended; the slave could not have been armed after that.
+    """End of the last session; the slave could not have been armed after that.
 
     A master that lets go by its own choice ends the session at `wanted_ns`, the last time that it wanted the
     slave to follow. It was its own choice when the slave stopped by a release and nothing else happened to
@@ -66,22 +66,22 @@ def session_end_ns(
     return wanted_ns if left.event == SafetyEventName.RELEASE and not happened else heard_ns
 
 
-def armed_share(found: list[Span], end_ns: int, clutched_s: float) -> float | None:
+def armed_share(states: list[Span], end_ns: int, clutched_s: float) -> float | None:
     """Time armed over the time that could have been: from the first arming to `end_ns`, less `clutched_s`.
 
     Who has not armed START_S after the session was opened could have. None when never armed until `end_ns`.
 
     Args:
-        found: the states.
+        states: spans of the slave's safety state.
         end_ns: when the last session ended.
         clutched_s: time until then that the operator chose to spend with the clutch open. The master sees
             the slave's state late, so a few ms of it may count as armed too; the share is at most 1.
     """
-    armed = [span for span in found if span.state is SafetyState.ARMED and span.start_ns < end_ns]
+    armed = [span for span in states if span.state is SafetyState.ARMED and span.start_ns < end_ns]
     if not armed:
         return None
     armed_ns = sum(min(span.end_ns, end_ns) - span.start_ns for span in armed)
-    opened_ns = next(span.start_ns for span in found if span.state not in (None, SafetyState.IDLE))
+    opened_ns = next(span.start_ns for span in states if span.state not in (None, SafetyState.IDLE))
     start_ns = min(armed[0].start_ns, opened_ns + int(START_S * 1e9))
     possible_s = (end_ns - start_ns) * 1e-9 - clutched_s
     return min(1.0, armed_ns * 1e-9 / possible_s) if possible_s > 0 else None

@@ -42,14 +42,12 @@ from forefeel.report.transparency import run_transparency
 
 SETTLING_S = 3.0
 """From the first scored command to the first one that counts as settled."""
-_SILENT_S = 1.0
-"""A master that is silent for so long has missed ten of its states."""
+_SILENT_S = 1.0  # A master that is silent for so long has missed ten of its states
 MOST_EVENTS = 100
 M = TypeVar("M", bound=Message)
 _IMPAIRMENTS = (("master", MASTER_IMPAIRMENT), ("slave", SLAVE_IMPAIRMENT))
 _OF_EVENT = {"before", "event", "after", "reason"}
-_HEADER = {"protocol", "session_id", "sequence", "stamp_ns"}
-"""Of every message."""
+_HEADER = {"protocol", "session_id", "sequence", "stamp_ns"}  # of every message
 
 
 def summarise(run: Run) -> RunReport:
@@ -80,9 +78,9 @@ def summarise(run: Run) -> RunReport:
 
 
 def _loop(run: Run, topic: Topic[LoopTiming]) -> LoopFigures:
-    """What a loop said last of its lateness, on whichever axis."""
-    said = (last(run.messages(axis, topic)) for axis in run.axes)
-    timing = next(filter(None, said), None)
+    """Lateness of a loop as published last, on the first axis that has it."""
+    timings = (last(run.messages(axis, topic)) for axis in run.axes)
+    timing = next(filter(None, timings), None)
     return LoopFigures() if timing is None else LoopFigures.model_validate(timing, from_attributes=True)
 
 
@@ -119,7 +117,7 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
 
 
 def _compare(commands: CommandTraces) -> tuple[PredictionComparison, PredictionComparison]:
-    """(all scored commands, those from SETTLING_S after the first of them)."""
+    """Comparisons over all scored commands, and over those from SETTLING_S after the first."""
     forces = commands.predicted_n, commands.zoh_n, commands.force_n
     rows = np.flatnonzero(scored(*forces))
     if not len(rows):
@@ -129,6 +127,7 @@ def _compare(commands: CommandTraces) -> tuple[PredictionComparison, PredictionC
 
 
 def _predictor(run: Run, axis: str, commands: CommandTraces) -> PredictorFigures:
+    """Coverage and width of the band, shares of the leading experts; empty where no force meets a band."""
     leading = Counter(message.leading for message in run.messages(axis, HAPTICS) if message.leading)
     rows = np.isfinite(commands.low_n) & np.isfinite(commands.high_n) & np.isfinite(commands.force_n)
     if not rows.any():
@@ -159,14 +158,14 @@ def _scored_commands(commands: CommandTraces) -> ScoredCommands:
 
 
 def _clutched_s(run: Run, axis: str, end_ns: int) -> float:
-    """The time until `end_ns` in which the operator chose to have the clutch open."""
-    said = zip(sent_ns(run, axis, MASTER_STATE).tolist(), run.messages(axis, MASTER_STATE), strict=True)
-    state = last(state for at_ns, state in said if at_ns <= end_ns)
+    """Time until `end_ns` for which the operator held the clutch open."""
+    states = zip(sent_ns(run, axis, MASTER_STATE).tolist(), run.messages(axis, MASTER_STATE), strict=True)
+    state = last(state for at_ns, state in states if at_ns <= end_ns)
     return state.clutched_s if state else 0.0
 
 
 def _silent_master(run: Run, axis: str, traces: AxisTraces) -> tuple[str, ...]:
-    """That the master was killed, or cut off from the recorder for good: which of them nobody can tell."""
+    """Note that the master fell silent with the deadman held, killed or cut off; empty otherwise."""
     state = last(run.messages(axis, MASTER_STATE))
     end_s = (traces.session_end_ns - traces.start_ns) * 1e-9
     if state is None or not state.deadman or traces.duration_s - end_s < _SILENT_S:
@@ -178,6 +177,7 @@ def _silent_master(run: Run, axis: str, traces: AxisTraces) -> tuple[str, ...]:
 
 
 def _model(run: Run, axis: str) -> dict[str, Any]:
+    """Fields of AxisReport from the newest parameters; none where nothing was published."""
     message = last(run.messages(axis, PARAMETERS))
     if message is None:
         return {}
@@ -193,7 +193,7 @@ def _model(run: Run, axis: str) -> dict[str, Any]:
 
 
 def _safety_events(run: Run, axis: str, start_ns: int) -> tuple[SafetyNote, ...]:
-    """The first MOST_EVENTS; the counters count all."""
+    """The first MOST_EVENTS transitions; the counters count all."""
     stamps = sent_ns(run, axis, SAFETY_EVENT)[:MOST_EVENTS].tolist()
     return tuple(
         SafetyNote(time_s=(stamp_ns - start_ns) * 1e-9, **event.model_dump(include=_OF_EVENT))
@@ -202,17 +202,17 @@ def _safety_events(run: Run, axis: str, start_ns: int) -> tuple[SafetyNote, ...]
 
 
 def _calibrations(run: Run, axis: str) -> tuple[dict[str, str | float], ...]:
-    """Each that was loaded, once, in the order of their first mention."""
-    found: list[dict[str, str | float]] = []
+    """Calibrations that drivers of the slave had loaded, each once, in the order of their first message."""
+    loaded: list[dict[str, str | float]] = []
     for message in run.messages(axis, CALIBRATION):
-        said = message.model_dump(exclude=_HEADER, exclude_none=True)
-        if said not in found:
-            found.append(said)
-    return tuple(found)
+        entry = message.model_dump(exclude=_HEADER, exclude_none=True)
+        if entry not in loaded:
+            loaded.append(entry)
+    return tuple(loaded)
 
 
 def _notes(run: Run, axis: str, commands: ScoredCommands, handshake: Handshake | None) -> tuple[str, ...]:
-    """What the reader must know: why nothing was judged, and what is missing."""
+    """Notes for the reader: missing ends, caveats, why nothing was judged, a refused session, a cut end."""
     notes = []
     for role in "master", "slave":
         topics: list[Topic[Any]] = [t for t in RECORDED if t.publisher == role]
@@ -234,10 +234,10 @@ def _notes(run: Run, axis: str, commands: ScoredCommands, handshake: Handshake |
 
 
 def last(messages: Iterable[M]) -> M | None:
-    found = None
-    for found in messages:  # noqa: B007 - wanted is what the loop leaves behind
+    newest = None
+    for newest in messages:  # noqa: B007 - wanted is what the loop leaves behind
         pass
-    return found
+    return newest
 
 
 def axis_counters(run: Run, axis: str) -> dict[str, int]:
@@ -256,15 +256,13 @@ def axis_counters(run: Run, axis: str) -> dict[str, int]:
 
 
 def recorder_counters(run: Run) -> dict[str, int]:
-    """What the recorder heard and could not write, where it said so."""
-    said = run.metadata.get("recorder", {})
-    return {f"recorder_{name}": int(n) for name, n in sorted(said.items()) if n.isdecimal()}
+    """Messages that the recorder received and could not write, by reason, as it noted them."""
+    noted = run.metadata.get("recorder", {})
+    return {f"recorder_{name}": int(n) for name, n in sorted(noted.items()) if n.isdecimal()}
 
 
 def impairment_counters(run: Run) -> dict[str, int]:
-    """Messages that passed each impaired link, and how many of them it dropped, duplicated or delayed on
-    purpose; sorted.
-    """
+    """Messages of each impaired link: all, and those dropped, duplicated or delayed on purpose; sorted."""
     counts: Counter[str] = Counter()
     for role, topic in _IMPAIRMENTS:
         for part in (part for axis in run.axes for part in run.messages(axis, topic)):

@@ -18,7 +18,7 @@ _EXPORT = re.compile(r"^export (?:const|function|class) (\w+)", re.MULTILINE)
 
 
 def environment() -> Environment:
-    """Finds templates by their path in this package, such as `report/page.html.j2`."""
+    """Environment of all pages; finds templates by their path here, such as `report/page.html.j2`."""
     made = Environment(
         loader=PackageLoader("forefeel", "."),
         autoescape=True,

@@ -28,11 +28,9 @@ from forefeel.report.states import Span, session_end_ns, spans
 
 Flags = NDArray[np.bool_]
 
-_SAID = "predicted_n", "low_n", "high_n", "zoh_n", "rendered_n", "energy_j"
-_JUMP_NS = 10_000_000_000
-"""Messages of one clock may be out of order by less."""
-_HANDLE_FAULT = "handle_fault"
-"""What the state of a master indicates whose handle has failed."""
+_COLUMNS = "predicted_n", "low_n", "high_n", "zoh_n", "rendered_n", "energy_j"
+_JUMP_NS = 10_000_000_000  # messages of one clock may be out of order by less
+_HANDLE_FAULT = "handle_fault"  # indication of a master whose handle has failed
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,9 +93,9 @@ def run_span_ns(run: Run) -> tuple[int, int]:
 
 
 def sent_ns(run: Run, axis: str, topic: Topic[Any]) -> NDArray[np.int64]:
-    """When each message of a topic was sent, on the recorder's clock.
+    """Time in ns at which each message of a topic was sent, on the recorder's clock.
 
-    When it was received, if the sender's clock jumped: its host was started again.
+    The time of receipt, if the sender's clock jumped: its host was started again.
     """
     received_ns = run.log_ns(axis, topic)
     if not len(received_ns):
@@ -111,7 +109,7 @@ def sent_ns(run: Run, axis: str, topic: Topic[Any]) -> NDArray[np.int64]:
 
 
 def _jumped(stamps_ns: NDArray[np.int64], transit_ns: NDArray[np.int64]) -> bool:
-    """Whether the clock went back, or ahead of all that was known of it.
+    """True where the clock went back, or ahead of all that was known of it.
 
     A recorder that falls behind, however far, does neither: it only makes a transit longer.
     """
@@ -142,6 +140,7 @@ def axis_traces(run: Run, axis: str) -> AxisTraces:
 
 
 def _commands(run: Run, axis: str, start_ns: int) -> CommandTraces:
+    """Commands of the master's samples, each with the first valid force that answers it."""
     valid = run.column(axis, FORCE, "valid").astype(bool)
     index, any_index = _answers(run, axis, valid), _answers(run, axis, np.ones_like(valid))
     force_n = np.append(_floats(run, axis, FORCE, "force_n"), np.nan)[index]  # -1: the NaN
@@ -152,7 +151,7 @@ def _commands(run: Run, axis: str, start_ns: int) -> CommandTraces:
         force_n=force_n,
         executed=any_index >= 0,
         followed=of_one_stretch(np.append(stretch, -1)[any_index]),
-        **{name: _floats(run, axis, HAPTICS, name) for name in _SAID},
+        **{name: _floats(run, axis, HAPTICS, name) for name in _COLUMNS},
     )
 
 
@@ -180,24 +179,25 @@ def _states(run: Run, axis: str, end_ns: int) -> list[Span]:
     stale_s = SLAVE_STATE.stale_after_s
     assert stale_s is not None
     states = (message.state for message in run.messages(axis, SLAVE_STATE))
-    heard = zip(sent_ns(run, axis, SLAVE_STATE).tolist(), states, strict=True)
-    return spans(sorted(heard, key=itemgetter(0)), end_ns, int(stale_s * 1e9))
+    reports = zip(sent_ns(run, axis, SLAVE_STATE).tolist(), states, strict=True)
+    return spans(sorted(reports, key=itemgetter(0)), end_ns, int(stale_s * 1e9))
 
 
 def _session_end_ns(run: Run, axis: str, end_ns: int) -> int:
-    """The end of the recording when the master was not recorded."""
-    said = [*zip(sent_ns(run, axis, MASTER_STATE).tolist(), run.messages(axis, MASTER_STATE), strict=True)]
-    if not said:
+    """End of the last session; end of the recording where no master was recorded."""
+    reports = [*zip(sent_ns(run, axis, MASTER_STATE).tolist(), run.messages(axis, MASTER_STATE), strict=True)]
+    if not reports:
         return end_ns
     # a handle that has failed can not hold the deadman, which is no choice of the operator
-    wanted = [at_ns for at_ns, state in said if state.deadman or state.indication == _HANDLE_FAULT]
+    wanted = [at_ns for at_ns, state in reports if state.deadman or state.indication == _HANDLE_FAULT]
     events = zip(sent_ns(run, axis, SAFETY_EVENT).tolist(), run.messages(axis, SAFETY_EVENT), strict=True)
     return session_end_ns(
-        sorted(events, key=itemgetter(0)), max(wanted, default=None), max(at_ns for at_ns, _ in said)
+        sorted(events, key=itemgetter(0)), max(wanted, default=None), max(at_ns for at_ns, _ in reports)
     )
 
 
 def _parameters(run: Run, axis: str, start_ns: int) -> ParameterTraces | None:
+    """Parameters of the model used last, without messages of other models; None where there is none."""
     messages = list(run.messages(axis, PARAMETERS))
     if not messages or not messages[-1].names:
         return None

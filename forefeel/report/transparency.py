@@ -60,7 +60,7 @@ class Twin:
         self._force_n = 0.0
 
     def force_n(self, command: MotionCommand) -> float:
-        """The force in N that answers a command, a tick after it arrives."""
+        """Moves the twin by a command; returns the force in N that answers it, a tick after it arrives."""
         arrived_ns = command.stamp_ns + self._ahead_ns
         dt_s = min(max((arrived_ns - self._previous_ns) * 1e-9, 1e-6), _MAX_STEP_S)
         self._previous_ns = arrived_ns
@@ -78,18 +78,19 @@ class Twin:
 
 
 def transparency(felt_n: Floats, held_n: Floats, true_n: Floats) -> Transparency:
-    found = compare(felt_n, held_n, true_n)
-    if not found.commands:
+    """Scores felt and held force against the true one, over the rows that have all three."""
+    compared = compare(felt_n, held_n, true_n)
+    if not compared.commands:
         return Transparency()
     jnd_n = np.maximum(JND_SHARE * np.abs(true_n), JND_FLOOR_N)
     errors = np.abs(felt_n - true_n) / jnd_n
     errors = errors[np.isfinite(errors) & np.isfinite(held_n)]
     jnd_rms, within = float(np.sqrt(np.mean(errors**2))), float(np.mean(errors <= 1.0))
-    return Transparency(found.commands, found.prediction, found.zoh, found.ratio, jnd_rms, within)
+    return Transparency(compared.commands, compared.prediction, compared.zoh, compared.ratio, jnd_rms, within)
 
 
 def run_transparency(run: Run, axis: str, commands: CommandTraces) -> Transparency | None:
-    """The score of a run; None where it does not say what was simulated, or nothing was followed."""
+    """Transparency of one axis; None where the simulated world was not recorded, or nothing was followed."""
     of_run = run.metadata.get("run", {})
     try:
         settings = SlaveAxisSettings.model_validate_json(of_run["slave_axis"])
@@ -112,4 +113,4 @@ def _true_n(run: Run, axis: str, settings: SlaveAxisSettings) -> Floats:
     sent = sorted(run.messages(axis, COMMAND), key=attrgetter("stamp_ns"))
     true_n = {(command.session_id, command.sequence): twin.force_n(command) for command in sent}
     ids = zip(*(run.column(axis, HAPTICS, name).tolist() for name in ("session_id", "sequence")), strict=True)
-    return np.array([true_n.get(each, np.nan) for each in ids])
+    return np.array([true_n.get(command_id, np.nan) for command_id in ids])

@@ -33,12 +33,10 @@ _UNITS = {
 }
 """By the end of a parameter's name, the longest first."""
 
-_USUAL, _MOST = 3, 6
-"""Digits of a value without an interval, and of any."""
+_USUAL, _MOST = 3, 6  # digits of a value without an interval, and of any
 
 
 def micros(value_us: float | None) -> str:
-    """A time that is given in us."""
     return quantity(None if value_us is None else value_us * 1e-6, "s")
 
 
@@ -64,7 +62,7 @@ def number(value: float | None) -> str:
 
 def in_order(counts: Mapping[str, int]) -> str:
     """Numbers with their names, the largest first, without those that are zero."""
-    return ", ".join(f"{n} {name}" for name, n in sorted(counts.items(), key=lambda each: -each[1]) if n)
+    return ", ".join(f"{n} {name}" for name, n in sorted(counts.items(), key=lambda item: -item[1]) if n)
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +89,8 @@ def named(parameter: str) -> tuple[str, str]:
 
     The paper's own three, of `mass_damper_spring`, need no cause.
     """
-    cause, _, own = parameter.rpartition(".")
-    label, unit = split_unit(own)
+    cause, _, name = parameter.rpartition(".")
+    label, unit = split_unit(name)
     return (label if cause in {"", "mass_damper_spring"} else f"{cause.replace('_', ' ')}: {label}"), unit
 
 
@@ -107,6 +105,7 @@ def scale(unit: str, largest: float) -> tuple[float, str]:
 
 
 def shown(name: str, interval: "Interval") -> Shown:
+    """Value and interval of a parameter with a fitting prefix, in as many digits as the interval supports."""
     label, plain = split_unit(name)
     largest = interval.value or max(abs(interval.low), abs(interval.high))
     factor, unit = scale(plain, largest)
@@ -117,7 +116,7 @@ def shown(name: str, interval: "Interval") -> Shown:
 
 
 def plain_value(name: str, value: float) -> str:
-    """A parameter without interval, such as `20 g`."""
+    """Text of a parameter without interval, such as `20 g`."""
     unit = split_unit(name)[1]
     factor, prefixed = scale(unit, value)
     text = _fixed(factor * value, _places(factor * value, 0.0))

@@ -1,4 +1,4 @@
-"""What to do after a verdict, and why an extended model does not predict better across a delay."""
+"""Next steps after a verdict, and reasons why an extended model predicts no better across a delay."""
 
 from typing import TYPE_CHECKING
 
@@ -13,10 +13,11 @@ _ALIKE = 0.05  # two errors ahead that differ by less of them are alike
 
 
 def next_steps(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]:
+    """Advice on bench, model or the next recording, by verdict."""
     motion, verdict = diagnosis.suggested_motion, diagnosis.verdict
     if verdict == "cause_found":
-        remedies = [found for cause in diagnosis.causes if (found := remedy(cause.name))]
-        return [*(f"on the bench: {found}" for found in remedies[:1]), *_with_the_model(across)]
+        remedies = [text for cause in diagnosis.causes if (text := remedy(cause.name))]
+        return [*(f"on the bench: {text}" for text in remedies[:1]), *_with_the_model(across)]
     if verdict == "nothing_missing":
         return ["nothing to mend; model.yaml holds this simulation for forefeel simulate and loopback"]
     if verdict == "not_driven_by_this_axis":
@@ -34,6 +35,7 @@ def next_steps(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]
 
 
 def _with_the_model(across: "Across | str | None") -> list[str]:
+    """Advice on the use of model.yaml; in the master only where it predicts better across a delay."""
     simulated = "load model.yaml where the force is simulated: forefeel simulate, loopback --slave-model"
     if across is None or isinstance(across, str):
         return [simulated, "what the master gains by it: forefeel evaluate FILE --model model.yaml"]
@@ -46,11 +48,12 @@ def _with_the_model(across: "Across | str | None") -> list[str]:
 
 
 def better(across: "Across") -> bool:
-    """Whether the extended model predicts better than the master does without a model."""
+    """True where the extended model predicts clearly better than the master does without a model."""
     return across.after_n < (1.0 - _ALIKE) * across.before_n
 
 
 def why_no_better(diagnosis: Diagnosis, across: "Across") -> list[str]:
+    """Line on why the extended model predicts no better; none where it does."""
     if better(across):
         return []
     if across.zoh_n < min(across.before_n, across.after_n):

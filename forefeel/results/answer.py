@@ -28,7 +28,7 @@ FLAGS = {
     "force_is_the_reaction": "force and position count in opposite directions here; signs were turned",
 }
 _LEFT_OUT = "The simulation leaves out the causes below, the largest first."
-_SAID = {
+_VERDICT_TEXT = {
     "nothing_missing": "Nothing is missing: mass, damper and spring explain the force{}.",
     "nothing_found": (
         "No cause was found. Whether anything is missing can not be said: the recording does not tell how "
@@ -50,20 +50,20 @@ _NEEDED_FOR = {
 
 
 def failure(error: Exception) -> str:
-    """What a part of the results says in its place where it failed: one line."""
+    """An error as one line, for the place of the results that failed."""
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def headline(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict != "cause_found":
         known = "" if diagnosis.noise_floor_n is None else " down to its noise"
-        return _SAID[diagnosis.verdict].format(known)
+        return _VERDICT_TEXT[diagnosis.verdict].format(known)
     *more, last = [words(cause.name) for cause in diagnosis.causes if cause.name != "bias"] or [words("bias")]
     return f"The simulation leaves out {', '.join(more)}{' and ' if more else ''}{last}."
 
 
 def on_readings(diagnosis: Diagnosis) -> bool:
-    """Whether all that was named is seen on the readings, and was taken out before models were compared."""
+    """True where all causes were seen on the readings, and taken out before models were compared."""
     return bool(diagnosis.causes) and not any(
         cause.evidence.likelihood or cause.evidence.gain for cause in diagnosis.causes
     )
@@ -78,34 +78,34 @@ def gain_text(held: HeldOut) -> str:
 def answer(
     recording: Recording, diagnosis: Diagnosis, across: "Across | str | None", given: str | None = None
 ) -> list[str]:
-    """A few lines for the terminal, the last one says what this is not; see `said`."""
+    """Lines for the terminal: recording, verdict, those of `answer_lines`, disclaimer."""
     with units_of(recording.columns):
         return [
             f"{printable(recording.name)}: {len(recording)} samples, {recording.duration_s:.1f} s, "
             f"{recording.rate_hz:.4g} Hz",
             f"Verdict     {diagnosis.verdict}. {_LEFT_OUT if diagnosis.causes else headline(diagnosis)}",
-            *(f"{label:<12}{text}" for label, text in said(diagnosis, across, given)),
+            *(f"{label:<12}{text}" for label, text in answer_lines(diagnosis, across, given)),
             DISCLAIMER,
         ]
 
 
-def said(
+def answer_lines(
     diagnosis: Diagnosis, across: "Across | str | None", given: str | None = None
 ) -> list[tuple[str, str]]:
     """(label, text) of each line of an answer, on the terminal and on the page; no label: it goes on.
 
     `given`: name of the simulation. `across`: the prediction, or why it failed.
     """
-    found = diagnosis.verdict == "cause_found"
+    extended = diagnosis.verdict == "cause_found"
     parts = [
         *(("Rivals", [f"{name}: {words(name)}" for name in group]) for group in diagnosis.rivals),
         ("Nearest", _nearest(diagnosis)),
         ("Look", look_texts(diagnosis.look)),
         ("Simulation", [_simulation(diagnosis, given)]),
         *(("Cause", _cause(cause)) for cause in diagnosis.causes),
-        ("Extended", [_extended(diagnosis, given)] if found else []),
+        ("Extended", [_extended(diagnosis, given)] if extended else []),
         ("Elsewhere", _elsewhere(diagnosis.other_motion)),
-        ("Predicted", _predicted(diagnosis, across) if found else []),
+        ("Predicted", _predicted(diagnosis, across) if extended else []),
         ("Model", _model(diagnosis)),
         *(("Caution", [text]) for text in _unknown(diagnosis)),
         *(("Caution", [FLAGS.get(flag, flag.replace("_", " "))]) for flag in diagnosis.flags),
@@ -115,25 +115,25 @@ def said(
 
 
 def look_texts(look: Look | None) -> list[str]:
-    """What plain regressions saw before the search: direction, band, share of the force, family."""
+    """Results of plain regressions before the search: band, direction, shares of the force, family."""
     if look is None:
         return []
     way = "resists the motion" if look.sense > 0.0 else "pushes along the motion, a reaction"
-    seen = "none of the three takes a quarter of the rest"
+    family = "none of the three takes a quarter of the rest"
     if look.family is not None:
-        seen = f"{look.family} is the best of the three"
+        family = f"{look.family} is the best of the three"
     shares = look.spring, look.spring_in_band, look.explained
     spring, in_band, best = (f"{100 * max(share, 0.0):.0f} %" for share in shares)
     return [
         f"strokes above {look.slow_hz:.2g} Hz; a positive force {way}",
         f"mass, damper and spring explain {spring} of the force on held-out blocks, {in_band} of that of the "
         "strokes",
-        f"friction, relaxation and stiffening beside them: {best}; {seen}",
+        f"friction, relaxation and stiffening beside them: {best}; {family}",
     ]
 
 
 def noise_text(diagnosis: Diagnosis) -> str:
-    """At most, as it holds what is fast and not modelled; `unknown`: the recording does not tell."""
+    """Noise of the force: at most, as it holds what is fast and not modelled; or `unknown`."""
     floor_n = diagnosis.noise_floor_n
     return "unknown" if floor_n is None else f"at most {quantity(floor_n, 'N')}"
 
@@ -152,7 +152,7 @@ def _simulation(diagnosis: Diagnosis, given: str | None) -> str:
 
 
 def _nearest(diagnosis: Diagnosis) -> list[str]:
-    """What comes next to what is missing, where that is not explained."""
+    """Suspected causes that lower the error of an unexplained recording; none for other verdicts."""
     names = [words(name) for name in diagnosis.suspected if name != "bias"]
     if diagnosis.verdict != "unexplained" or not names or diagnosis.held_out.gain_low <= 0.0:
         return []
@@ -167,6 +167,7 @@ def _cause(cause: Cause) -> list[str]:
 
 
 def _extended(diagnosis: Diagnosis, given: str | None) -> str:
+    """Error and gain of the extended model on stretches that it was not fitted to."""
     held = diagnosis.held_out
     if on_readings(diagnosis):
         return "the readings were freed of it before the rest was compared"
@@ -194,13 +195,13 @@ def equation(diagnosis: Diagnosis) -> str:
     model = diagnosis.extended if diagnosis.verdict == "cause_found" else diagnosis.baseline
     m, b, k = (model.parameters.get(name, 0.0) for name in ("mass_kg", "damping_n_s_m", "stiffness_n_m"))
     terms = [f"{value:.3g} {of}" for value, of in ((m, "x''"), (b, "x'"), (k, "x")) if value]
-    found = {cause.name: {key: p.value for key, p in cause.parameters.items()} for cause in diagnosis.causes}
-    if not found and "bias.force_n" in model.parameters:
-        found["bias"] = {"force_n": model.parameters["bias.force_n"]}
-    if "asymmetric_damping" in found:  # which says all of the damping
+    causes = {cause.name: {key: p.value for key, p in cause.parameters.items()} for cause in diagnosis.causes}
+    if not causes and "bias.force_n" in model.parameters:
+        causes["bias"] = {"force_n": model.parameters["bias.force_n"]}
+    if "asymmetric_damping" in causes:  # which says all of the damping
         terms = [term for term in terms if not term.endswith(" x'")]
     besides: list[str] = []
-    for name, parameters in found.items():
+    for name, parameters in causes.items():
         adds, text = cause_equation(name, parameters)
         term, _, condition = text.partition("; ") if adds else ("", "", text)
         terms += [term] if term else []
@@ -210,7 +211,7 @@ def equation(diagnosis: Diagnosis) -> str:
 
 
 def _model(diagnosis: Diagnosis) -> list[str]:
-    """Its equation, and mass, damping and stiffness."""
+    """Equation of the model, and its mass, damping and stiffness; empty without these."""
     model = diagnosis.extended if diagnosis.verdict == "cause_found" else diagnosis.baseline
     values = "; ".join(
         str(shown(name, of)) if of.value else f"{split_unit(name)[0]} not told from zero"
@@ -220,7 +221,7 @@ def _model(diagnosis: Diagnosis) -> list[str]:
 
 
 def _unknown(diagnosis: Diagnosis) -> list[str]:
-    """What of mass, damping and stiffness this motion does not tell from zero, and what that means."""
+    """Cautions on mass, damping, stiffness that this motion does not tell from zero, beside named causes."""
     if diagnosis.verdict != "cause_found":
         return []
     return [
@@ -231,6 +232,7 @@ def _unknown(diagnosis: Diagnosis) -> list[str]:
 
 
 def _predicted(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]:
+    """Errors of the prediction across the delay, or why it failed; empty where none was made."""
     if across is None:
         return []
     if isinstance(across, str):

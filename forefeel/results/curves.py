@@ -1,4 +1,4 @@
-"""What the figures of a diagnosis draw: forces in the band in which motion and force are compared."""
+"""Curves of the figures of a diagnosis, in the band in which motion and force are compared."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -22,7 +22,7 @@ Part = tuple[str, str, Floats]
 """Name, colour and values of a line; label, unit and values of an axis."""
 
 LEFT, MODEL = "readback", "predicted"
-"""Colours of what a model leaves, and of what it says."""
+"""Colours of the residual and of the force of a model."""
 _TRIM = 0.002  # share of the highest and of the lowest values that may lie outside of a picture
 _COHERENT = 0.8  # least coherence of a frequency at which phase and ratio are shown
 _STRETCHES = 8.0  # of the recording, over which a spectrum is averaged
@@ -50,7 +50,7 @@ class Curves:
 
     @property
     def extends(self) -> bool:
-        """Whether the extended model is another than the simulation."""
+        """True where the extended model is another than the simulation."""
         return self.given or self.analysis.fit.model != self.analysis.base.model
 
     @property
@@ -68,12 +68,13 @@ class Curves:
 
     @property
     def left(self) -> list[Part]:
-        """What is left in N by the simulation, and by the extended model where it is another."""
-        found = [("left by the simulation", LEFT, self.before)]
-        return [*found, ("left by the extended model", MODEL, self.after)] if self.extends else found
+        """Residual in N of the simulation, and of the extended model where it is another."""
+        parts = [("left by the simulation", LEFT, self.before)]
+        return [*parts, ("left by the extended model", MODEL, self.after)] if self.extends else parts
 
     @classmethod
     def of(cls, analysis: Analysis, given: ContactModel | None) -> "Curves":
+        """Motion, measured force, and the forces of simulation and extended model, on the coarse grid."""
         regression = analysis.regression
         signals, motion = regression.signals, regression.motion({})
         x, v = (np.interp(signals.t, signals.fine_t, fine) for fine in (motion.x, motion.v))
@@ -83,7 +84,7 @@ class Curves:
 
 
 def share_of(regression: RecordingRegression, fit: ModelFit, name: str) -> Floats:
-    """What a cause adds to the model's force in N, the other parameters as they are; on the coarse grid."""
+    """Force in N that a cause adds to the model's, other parameters as they are; on the coarse grid."""
     whole = regression.predicted(fit)
     if not isinstance(CANDIDATES[name], Changing):
         return np.asarray(whole - regression.predicted(fit, leave=name))
@@ -103,10 +104,10 @@ def response(regression: RecordingRegression, fit: ModelFit, name: str) -> tuple
     rate = signals.coarse_rate_hz
     count = max(32, int(len(model) / _STRETCHES))
     frequency, cross = csd(model, force, rate, nperseg=count)
-    own, other = welch(model, rate, nperseg=count)[1], welch(force, rate, nperseg=count)[1]
-    coherent = np.abs(cross) ** 2 / np.maximum(own * other, 1e-300)
+    model_power, force_power = welch(model, rate, nperseg=count)[1], welch(force, rate, nperseg=count)[1]
+    coherent = np.abs(cross) ** 2 / np.maximum(model_power * force_power, 1e-300)
     rows = (coherent > _COHERENT) & (frequency > 0.0) & (frequency < 0.7 * signals.cutoff_hz)
-    return frequency[rows], (cross / np.maximum(own, 1e-300))[rows]
+    return frequency[rows], (cross / np.maximum(model_power, 1e-300))[rows]
 
 
 def strokes(curves: Curves, least_m: float | None = None) -> tuple[Floats, Floats]:
@@ -130,11 +131,11 @@ def density(signals: Signals, values: Floats, longest_s: float = 8.0) -> tuple[F
     """(Hz, amplitude density in N/sqrt(Hz)) of the longest stretch without gaps, within the pass-band."""
     piece = max(signals.piecewise(fine=False), key=lambda p: p.stop - p.start)
     rate = signals.coarse_rate_hz
-    kept = np.where(signals.rows[piece], values[piece], 0.0)
-    frequency, power = welch(kept, rate, nperseg=min(len(kept), int(longest_s * rate)))
+    used = np.where(signals.rows[piece], values[piece], 0.0)
+    frequency, power = welch(used, rate, nperseg=min(len(used), int(longest_s * rate)))
     inside = (frequency > 0.0) & (frequency < 0.75 * signals.cutoff_hz)
     return frequency[inside], np.sqrt(power[inside])
 
 
 def near(unit: AxisUnit, *values: Floats, zero: bool = True) -> Range | None:
-    return limits(*(unit(each) for each in values), trim=_TRIM, zero=zero)
+    return limits(*(unit(column) for column in values), trim=_TRIM, zero=zero)

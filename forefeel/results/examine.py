@@ -33,7 +33,7 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What to diagnose. `given` is the simulation to compare with; `axis` one of an MCAP file.
+    """A diagnosis to make. `given` is the simulation to compare with; `axis` one of an MCAP file.
 
     `beside`: further recordings of the same bench, for one answer to all. `replay`: whether the force is
     predicted across a delay, too. `page`: whether report.html is made. `as_is`: nothing is asked about units.
@@ -65,7 +65,7 @@ class Result:
 
 @dataclass(frozen=True, slots=True)
 class TaskOutcome:
-    """What became of a task: its result, or in one line why it was skipped or failed."""
+    """Outcome of a task: its result, or in one line why it was skipped or failed."""
 
     task: Task
     result: Result | None = None
@@ -74,7 +74,7 @@ class TaskOutcome:
 
 
 def examine(task: Task, tell: Tell = lambda stage: None) -> tuple[Result, Callable[[], str]]:
-    """Reads, diagnoses, predicts: (the result without its page, what draws that page).
+    """Reads, diagnoses and predicts; returns the result without its page, and a function that draws that.
 
     On one core, for the arrays are small and threads would wait. The page raises RunError where it fails.
 
@@ -84,7 +84,7 @@ def examine(task: Task, tell: Tell = lambda stage: None) -> tuple[Result, Callab
     """
     try:
         with threadpool_limits(1):
-            return _examined(task, tell)
+            return _examine(task, tell)
     except ForefeelError:
         raise
     except Exception as error:
@@ -92,7 +92,7 @@ def examine(task: Task, tell: Tell = lambda stage: None) -> tuple[Result, Callab
 
 
 def attempt(task: Task) -> TaskOutcome:
-    """A task that never raises what belongs to its recording only."""
+    """Examines a recording and draws its page; an error of this recording alone stands in the outcome."""
     try:
         result, page = examine(task)
     except InputError as error:
@@ -107,30 +107,32 @@ def attempt(task: Task) -> TaskOutcome:
         return TaskOutcome(task, replace(result, page_failed=str(error)))
 
 
-def _examined(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
+def _examine(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
+    """Does the work of `examine`, and raises errors as they are."""
     tell("reading")
     recordings = [load_recording(f, task.columns, task.axis, force=True) for f in (task.file, *task.beside)]
-    found = diagnosed(recordings, tell, task.given, task.as_is)
-    recording, diagnosis = found.recording, found.details.diagnosis
+    judged = diagnosed(recordings, tell, task.given, task.as_is)
+    recording, diagnosis = judged.recording, judged.details.diagnosis
     if not isfinite(diagnosis.baseline.rmse_n):
         raise ConfigurationError(
             f"--model: the force of {task.given.name if task.given else 'the simulation'!r} along "
             f"{task.file} is not finite; expected a model in SI units"
         )
     named = diagnosis.verdict == "cause_found"
-    model = found.model.contact
+    model = judged.model.contact
     across = None
     if named and task.replay:  # without a cause there is no other model to predict with
         tell("prediction")
-        across = _prediction(recording, model, found.details.analysis.regression.sense)
-    texts = {MODEL: dump_mapping(model.to_mapping()), JSON: _document(found.details, across)}
+        across = _prediction(recording, model, judged.details.analysis.regression.sense)
+    texts = {MODEL: dump_mapping(model.to_mapping()), JSON: _document(judged.details, across)}
     given = None if task.given is None else task.given.name
-    taken = [(f"{each.name}: " if task.beside else "") + each.taken for each in recordings if each.taken]
+    taken = [(f"{run.name}: " if task.beside else "") + run.taken for run in recordings if run.taken]
     lines = (*taken, *answer(recording, diagnosis, across, given))
-    return Result(diagnosis, lines, texts, recording.columns), partial(_page, task, found.details, across)
+    return Result(diagnosis, lines, texts, recording.columns), partial(_page, task, judged.details, across)
 
 
 def _page(task: Task, diagnosed: Diagnosed, across: "Across | str | None") -> str:
+    """Text of report.html; RunError whatever fails in it."""
     try:
         from forefeel.results.page import render_page  # noqa: PLC0415 - loads what draws
 
@@ -141,7 +143,7 @@ def _page(task: Task, diagnosed: Diagnosed, across: "Across | str | None") -> st
 
 
 def _prediction(recording: Recording, model: ContactModel, sense: float) -> "Across | str | None":
-    """None of a recording that is too short to be replayed; why it failed, in one line.
+    """Errors across a delay; None of a recording too short to be replayed; or why it failed, in one line.
 
     `sense`: of the force, turned as that of the model is: a positive one resists.
     """
@@ -165,7 +167,7 @@ def _document(diagnosed: Diagnosed, across: "Across | str | None") -> str:
 
 
 def _finite(value: object) -> object:
-    """As JSON can hold it: null for what is not finite, such as a ratio to nothing."""
+    """The value for JSON: null in place of what is not finite, such as a ratio to nothing."""
     if isinstance(value, float):
         return value if isfinite(value) else None
     if isinstance(value, Mapping):

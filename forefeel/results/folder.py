@@ -16,7 +16,7 @@ from forefeel.common.recording.loading import recordings_in
 from forefeel.common.recording.units import Quantity
 from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.files import fresh_folder, write_all
-from forefeel.interrupt import ends_in_order, heeded
+from forefeel.interrupt import ends_in_order, signal_flag
 from forefeel.report.wording import DISCLAIMER
 from forefeel.results.answer import named, noise_text
 from forefeel.results.examine import FILES, JSON, PAGE, Result, Task, TaskOutcome, attempt
@@ -37,7 +37,7 @@ class Summary:
     failed: dict[str, str] = field(default_factory=dict)
 
     def to_json(self) -> str:
-        """As summary.json holds it; the whole diagnosis of each is beside it."""
+        """Text of summary.json; the whole diagnosis of each recording is beside it."""
         recordings = {stem: _brief(diagnosis) for stem, diagnosis in sorted(self.diagnosed.items())}
         document = {
             "schema": SCHEMA,
@@ -60,9 +60,9 @@ def run_folder(task: Task, out: Path, jobs: int, scheduler: str | None, overwrit
     with ends_in_order("diagnosis", out) as written:
         fresh_folder(out, (SUMMARY,), EARLIER, overwrite)
         tasks = [replace(task, file=file) for file in _free(files, out, overwrite, summary)]
-        with heeded() as stop, closing(in_parallel(attempt, tasks, jobs, scheduler, stop.check)) as found:
-            for outcome in _shown(found, len(tasks), task.file.name):
-                _take(outcome, out, overwrite, summary, written)
+        with signal_flag() as stop, closing(in_parallel(attempt, tasks, jobs, scheduler, stop.check)) as done:
+            for outcome in _with_progress(done, len(tasks), task.file.name):
+                _enter(outcome, out, overwrite, summary, written)
         if not summary.diagnosed and not summary.failed:
             raise InputError(list(summary.skipped.values())[-1])
         write_all(out, {SUMMARY: summary.to_json()}, written)
@@ -77,7 +77,7 @@ def run_folder(task: Task, out: Path, jobs: int, scheduler: str | None, overwrit
 
 
 def _free(files: Iterable[Path], out: Path, overwrite: bool, summary: Summary) -> Iterator[Path]:
-    """The files whose results have a place; the others are skipped at once, each with its line."""
+    """Files whose results have a place; enters the others in the summary as skipped, and says so."""
     taken: dict[str, Path] = {}
     for file in files:
         folder = out / file.stem
@@ -97,7 +97,8 @@ def _skip(file: Path, reason: str, summary: Summary) -> None:
     say(f"skipped: {reason}")
 
 
-def _take(outcome: TaskOutcome, out: Path, overwrite: bool, summary: Summary, written: list[str]) -> None:
+def _enter(outcome: TaskOutcome, out: Path, overwrite: bool, summary: Summary, written: list[str]) -> None:
+    """Saves the results and enters the outcome in the summary; says what failed or was skipped."""
     file = outcome.task.file
     if outcome.result is None:
         if outcome.failed is not None:
@@ -131,11 +132,11 @@ def save(folder: Path, result: Result, written: list[str]) -> None:
     write_all(folder, result.texts, written)
 
 
-def _shown(found: Iterable[TaskOutcome], total: int, name: str) -> Iterator[TaskOutcome]:
-    """A bar on a terminal, elsewhere a line for each recording that is done."""
+def _with_progress(outcomes: Iterable[TaskOutcome], total: int, name: str) -> Iterator[TaskOutcome]:
+    """Passes the outcomes on, with a bar on a terminal and a line for each recording that is done."""
     with bar(total) as show:
         show(0, name)
-        for number, outcome in enumerate(found, 1):
+        for number, outcome in enumerate(outcomes, 1):
             yield outcome
             show(number, name)
             if outcome.result is not None:
@@ -154,6 +155,7 @@ def _brief(diagnosis: Diagnosis) -> dict[str, object]:
 
 
 def _in_words(summary: Summary, out: Path) -> Iterator[RenderableType]:
+    """Table, counts and disclaimer for the terminal."""
     if summary.diagnosed:
         yield _table(summary)
     count = len(summary.diagnosed)

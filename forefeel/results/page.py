@@ -18,7 +18,7 @@ from forefeel.report.drawing import AxisUnit, Figure, Layer, binned, cloud, line
 from forefeel.report.template import render
 from forefeel.report.wording import plain_value, shown
 from forefeel.results.advice import next_steps
-from forefeel.results.answer import failure, gain_text, headline, on_readings, said
+from forefeel.results.answer import answer_lines, failure, gain_text, headline, on_readings
 from forefeel.results.curves import LEFT, MODEL, Curves, Rows, near, strokes
 from forefeel.results.pictures import HEIGHT_PX, picture, sensor_picture, spectrum, timeline
 
@@ -32,15 +32,16 @@ def render_page(
     across: Across | str | None,
     given: ContactModel | None = None,
 ) -> str:
+    """HTML page of a diagnosis; a figure that fails is one line in its place."""
     diagnosis, curves = diagnosed.diagnosis, Curves.of(diagnosed.analysis, given)
     predicted = across if isinstance(across, Across) else None
     causes = {cause.name: cause for cause in diagnosis.causes}
     shown_names = causes or [name for name in diagnosis.suspected if name != "bias"]  # the simulation has one
     draws = {base_name(full): partial(picture, curves, full) for full in curves.analysis.fit.model}
     draws |= {of.name: partial(sensor_picture, curves.analysis, of) for of in curves.analysis.faults}
-    details = {"What is left": [_attempted(partial(draw, curves, diagnosis)) for draw in _LEFT_OVER]}
+    details = {"What is left": [_draw(partial(draw, curves, diagnosis)) for draw in _LEFT_OVER]}
     if diagnosis.look is not None:
-        details["The look before the search"] = [_attempted(partial(_look, curves, diagnosis.look))]
+        details["The look before the search"] = [_draw(partial(_look, curves, diagnosis.look))]
     return render(
         "results/page.html.j2",
         recording=recording,
@@ -48,13 +49,13 @@ def render_page(
         across=predicted,
         headline=headline(diagnosis),
         steps=next_steps(diagnosis, across),
-        said=said(diagnosis, across, None if given is None else given.name),
+        said=answer_lines(diagnosis, across, None if given is None else given.name),
         gain=gain_text(diagnosis.held_out),
         on_readings=on_readings(diagnosis),
         given=given,
         extends=curves.extends,
-        picture_of_it=_attempted(partial(_worst, curves, diagnosis)),
-        sections=[(n, causes.get(n), _attempted(draws[n]) if n in draws else None) for n in shown_names],
+        picture_of_it=_draw(partial(_worst, curves, diagnosis)),
+        sections=[(n, causes.get(n), _draw(draws[n]) if n in draws else None) for n in shown_names],
         details=details,
         fingerprint=fingerprint,
         words=words,
@@ -63,8 +64,8 @@ def render_page(
     )
 
 
-def _attempted(draw: Callable[[], Figure]) -> Figure:
-    """A picture that fails is one line in its place."""
+def _draw(draw: Callable[[], Figure]) -> Figure:
+    """Draws a figure; one that fails is one line in its place."""
     try:
         return draw()
     except Exception as error:  # noqa: BLE001 - the page stands without it
@@ -72,7 +73,7 @@ def _attempted(draw: Callable[[], Figure]) -> Figure:
 
 
 def worst_stretch(curves: Curves, length_s: float = _WORST_S) -> tuple[float, float]:
-    """From when to when the simulation errs most, in s since the start."""
+    """Begin and end, in s since the start, of the stretch in which the simulation errs most."""
     t, error = curves.t[curves.rows], curves.before[curves.rows] ** 2
     stretch = np.floor((t - t[0]) / length_s).astype(np.int64)
     total = np.bincount(stretch, error)
@@ -112,6 +113,7 @@ def _over_time(curves: Curves, diagnosis: Diagnosis) -> Figure:
 
 
 def _over_motion(curves: Curves, _: Diagnosis) -> Figure:
+    """Residuals over position, speed, and distance since reversal with the sign of the direction."""
     rows, (direction, since) = curves.rows, strokes(curves)
     residual, specs = AxisUnit("left", "N", curves.before[curves.rows]), []
     y = near(residual, *(all_n[rows] for _, _, all_n in curves.left))
@@ -139,18 +141,19 @@ def _spectrum(curves: Curves, _: Diagnosis) -> Figure:
 _LEFT_OVER = _over_time, _over_motion, _spectrum
 
 
-def _look(curves: Curves, seen: Look) -> Figure:
+def _look(curves: Curves, look: Look) -> Figure:
+    """Force of the strokes over the position, as measured and by two plain regressions."""
     t, regression = curves.t[curves.rows], curves.analysis.regression
-    x, measured, models = strokes_in_band(regression.signals, regression.motion({}), seen)
+    x, measured, models = strokes_in_band(regression.signals, regression.motion({}), look)
     position, force = AxisUnit("position", "m", x), AxisUnit("force", "N", measured)
-    some = np.abs(t - 0.5 * (t[0] + t[-1])) < 0.25 / seen.slow_hz
+    some = np.abs(t - 0.5 * (t[0] + t[-1])) < 0.25 / look.slow_hz
     lines = [loop("measured", "measured", position(x[some]), force(measured[some]))]
     for (name, of), colour in zip(models.items(), (LEFT, MODEL), strict=True):
         text = f"{name}: {100 * explained_share(measured, of):.0f} %"
         lines.append(loop(text, colour, position(x[some]), force(of[some])))
     points = [cloud("", "soft", position(x), force(measured), alpha=0.4)]
     caption = (
-        f"Above {seen.slow_hz:.2g} Hz; some strokes as lines, shares of held-out blocks. Ways that stay "
+        f"Above {look.slow_hz:.2g} Hz; some strokes as lines, shares of held-out blocks. Ways that stay "
         "apart where the motion turns are friction, a bend is stiffening."
     )
     drawn = spec(

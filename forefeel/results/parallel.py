@@ -18,8 +18,7 @@ from forefeel.interrupt import SIGNALS
 
 _PATIENCE_S = 10  # s for the scheduler's answer
 _LOOK_S = 0.1  # s between two looks for an end
-_AHEAD = 2
-"""Tasks for each worker that are handed out; more would only fill the memory with results."""
+_AHEAD = 2  # tasks for each worker that are handed out; more would only fill the memory with results
 _ADDRESS = re.compile(r"(?:(?:tcp|tls)://)?(?P<host>[^/]+):(?P<port>\d+)")
 _EXPECTED = "expected the address of a dask scheduler, such as tcp://10.0.0.2:8786"
 
@@ -35,7 +34,7 @@ def in_parallel(
     scheduler: str | None,
     check: Callable[[], None] = lambda: None,
 ) -> Generator[R, None, None]:
-    """Each result as soon as it is there, in any order; what still runs ends with the iterator.
+    """Yields each result as soon as it is there, in any order; what still runs ends with the iterator.
 
     Workers read the recordings and hand the results back: only this process writes. `check` is called many
     times a second, and what it raises ends all.
@@ -50,7 +49,7 @@ def in_parallel(
         waiting, running = iter(tasks), set[Future[R]]()
         try:
             while True:
-                with _deaf_workers():
+                with _signals_blocked():
                     wanted = islice(waiting, _AHEAD * count - len(running))
                     running |= {executor.submit(function, task) for task in wanted}
                 if not running:
@@ -67,8 +66,8 @@ def in_parallel(
 
 @contextmanager
 def _processes(count: int) -> Iterator[tuple[Executor, int]]:
-    """Processes that are spawned: a fork of a process with threads may hang. The body's end kills them."""
-    with _deaf_workers():  # with it begins the process that tracks its semaphores
+    """Pool of spawned processes, for a fork with threads may hang; the body's end kills them."""
+    with _signals_blocked():  # with it begins the process that tracks its semaphores
         context, parent = get_context("spawn"), (os.getpid(), signal.SIGKILL)
         processes = ProcessPoolExecutor(count, context, die_with, parent)
     try:
@@ -81,8 +80,8 @@ def _processes(count: int) -> Iterator[tuple[Executor, int]]:
 
 
 @contextmanager
-def _deaf_workers() -> Iterator[None]:
-    """What is started in the body inherits blocked signals: a terminal sends them to all, and we decide."""
+def _signals_blocked() -> Iterator[None]:
+    """Blocks signals for what the body starts: a terminal sends them to all, and this process decides."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         resource_tracker.ensure_running()  # before Python 3.13 its start unblocks two of them
@@ -94,11 +93,12 @@ def _deaf_workers() -> Iterator[None]:
 
 @contextmanager
 def _cluster(scheduler: str) -> Iterator[tuple[Executor, int]]:
+    """Executor on a dask cluster, and the number of its cores."""
     try:
         distributed = import_module("distributed")
     except ImportError as error:
         raise ConfigurationError("--scheduler: needs dask: pip install 'forefeel[cluster]'") from error
-    _prove_listening(scheduler)
+    _check_scheduler(scheduler)
     try:
         client = distributed.Client(scheduler, timeout=_PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:
@@ -114,12 +114,12 @@ def _cluster(scheduler: str) -> Iterator[tuple[Executor, int]]:
             executor.shutdown(wait=False)
 
 
-def _prove_listening(scheduler: str) -> None:
-    """At once, where dask would try again and again."""
-    found = _ADDRESS.fullmatch(scheduler)
-    if found is None:
+def _check_scheduler(scheduler: str) -> None:
+    """Raises EndpointError at once where nothing listens; dask would try again and again."""
+    match = _ADDRESS.fullmatch(scheduler)
+    if match is None:
         raise EndpointError(f"--scheduler {scheduler!r}: {_EXPECTED}")
     try:
-        socket.create_connection((found["host"].strip("[]"), int(found["port"])), _PATIENCE_S).close()
+        socket.create_connection((match["host"].strip("[]"), int(match["port"])), _PATIENCE_S).close()
     except (OSError, OverflowError) as error:
         raise EndpointError(f"--scheduler {scheduler}: {error}; {_EXPECTED}") from error

@@ -20,9 +20,8 @@ from forefeel.results.curves import LEFT, MODEL, Curves, Part, density, near, re
 HEIGHT_PX = 280
 Specs = tuple[Layer, ...]
 _FINE = 120  # bins of a cause's own line
-_WITHOUT, _OWN = "left without it", "the cause"
-_TREMOR = 0.5
-"""Of a cause's length: a hand that trembles by less does not reverse."""
+_WITHOUT, _CAUSE = "left without it", "the cause"
+_TREMOR = 0.5  # of a cause's length: a hand that trembles by less does not reverse
 
 _HIGHEST = 3.0  # ratio of forces that is shown
 _AROUND_S = 2.0  # s to each side of the largest reading
@@ -30,27 +29,27 @@ _HUMS_S = 0.15  # the same where the mains hum
 
 
 class Component:
-    """A cause within a fit, by the name of its form, at the rows that count: its own force in N, and that
-    force with what the whole model leaves.
+    """A cause within a fit, by the name of its form, at the rows that count: `cause_n`, its force in N, and
+    `left`, that force with what the whole model leaves.
     """
 
     def __init__(self, curves: Curves, name: str) -> None:
         regression, fit, rows = curves.analysis.regression, curves.analysis.fit, curves.rows
         self.curves, self.name, self.shape = curves, name, fit.model[name]
-        self.own = share_of(regression, fit, name)[rows]
-        self.left = self.own + curves.after[rows]
+        self.cause_n = share_of(regression, fit, name)[rows]
+        self.left = self.cause_n + curves.after[rows]
         self.x: Part = "position", "m", curves.x[rows]
         self.v: Part = "speed", "m/s", curves.v[rows]
 
 
 def picture(curves: Curves, name: str) -> Figure:
-    """Of a cause of the model, by the name of its form; over time where no other picture suits it."""
+    """Picture of a cause of the model, by the name of its form, over the variable in which it shows."""
     draw, title, caption = _PICTURES[CANDIDATES[name].picture]
     return Figure(title, caption, HEIGHT_PX, draw(Component(curves, name)))
 
 
 def sensor_picture(analysis: Analysis, fault: Cause) -> Figure:
-    """Of a fault of the sensor: the readings about the largest one, as recorded and as they were compared."""
+    """Picture of a fault of the sensor: readings about the largest one, as recorded and as compared."""
     raw, t = analysis.recording.force_n, analysis.recording.time_s - analysis.recording.time_s[0]
     assert raw is not None
     around_s = _HUMS_S if fault.name == "mains_hum" else _AROUND_S
@@ -63,7 +62,7 @@ def sensor_picture(analysis: Analysis, fault: Cause) -> Figure:
 def timeline(
     label: str, t: Floats, parts: Sequence[Part], gap_s: float, within_n: float | None = None, **more: object
 ) -> Layer:
-    """A panel of forces along time; `within_n`: about zero, which is shown then, what is small is shaded."""
+    """Panel of forces along time; `within_n`: shows zero, and shades up to so far from it."""
     unit = AxisUnit(label, "N", *(values for _, _, values in parts[:1]))
     lines = [
         line(name, colour, t, unit(values), gap_s, **(DOTTED if colour == "measured" else {}))
@@ -76,52 +75,52 @@ def timeline(
     return panel(unit.label, y, lines=lines, bands=bands, **more)
 
 
-def _over(x: Part, left: Floats, own: Floats, groups: Mapping[str, Mask] | None = None) -> Specs:
-    """What is left as points, and the cause's own line, over x; `groups` of rows in colours of their own."""
+def _over(x: Part, left: Floats, cause_n: Floats, groups: Mapping[str, Mask] | None = None) -> Specs:
+    """Residual without the cause as points, and the cause as a line, over x; `groups` of rows by colour."""
     across, force = AxisUnit(*x), AxisUnit("force", "N", left)
     points, lines = [], []
     for (name, rows), colour in zip((groups or {"": np.isfinite(left)}).items(), (LEFT, MODEL), strict=False):
         if not groups or np.count_nonzero(rows) > _FINE:
             at = across(x[2][rows])
             points.append(cloud("" if groups else _WITHOUT, colour, at, force(left[rows]), alpha=0.4))
-            middle = binned(at, force(own[rows]), _FINE, np.median)
-            lines.append(line(f"{_OWN}{name}", colour if groups else MODEL, *middle))
-    drawn = panel(force.label, near(force, left, own), points=points, lines=lines)
+            middle = binned(at, force(cause_n[rows]), _FINE, np.median)
+            lines.append(line(f"{_CAUSE}{name}", colour if groups else MODEL, *middle))
+    drawn = panel(force.label, near(force, left, cause_n), points=points, lines=lines)
     return (spec([drawn], label=across.label),)
 
 
 def _contact(of: Component) -> Specs:
     """The spring's force with what is left."""
     regression, fit = of.curves.analysis.regression, of.curves.analysis.fit
-    own = (regression.block(fit.model, "", ())[:, 2] * fit.coefficients[2])[of.curves.rows]
-    return _over(of.x, own + of.left - of.own, own)
+    spring_n = (regression.block(fit.model, "", ())[:, 2] * fit.coefficients[2])[of.curves.rows]
+    return _over(of.x, spring_n + of.left - of.cause_n, spring_n)
 
 
 def _since(of: Component) -> Specs:
-    """By direction, so that both branches lie on each other."""
+    """Over the distance since reversal, turned by direction, so that both branches lie on each other."""
     length = max(of.shape, default=0.0)
     direction, since = (values[of.curves.rows] for values in strokes(of.curves, _TREMOR * length))
     most = float(np.quantile(since, 0.98)) if len(since) else 0.0
     rows = (direction != 0.0) & (since <= (min(most, 8.0 * length) if of.shape else most))
     resists = of.curves.analysis.regression.sense * direction[rows]
     x = "distance since reversal", "m", since[rows]
-    return _over(x, of.left[rows] * resists, of.own[rows] * resists)
+    return _over(x, of.left[rows] * resists, of.cause_n[rows] * resists)
 
 
 def _along(of: Component) -> Specs:
     direction = strokes(of.curves)[0][of.curves.rows]
     groups = {", inserting": direction > 0.0, ", withdrawing": direction < 0.0}
-    return _over(of.x, of.left, of.own, groups)
+    return _over(of.x, of.left, of.cause_n, groups)
 
 
 def _deep(of: Component) -> Specs:
     low, high = np.quantile(of.x[2], (1.0 / 3.0, 2.0 / 3.0))
     groups = {", shallow third": of.x[2] < low, ", deep third": of.x[2] > high}
-    return _over(of.v, of.left, of.own, groups)
+    return _over(of.v, of.left, of.cause_n, groups)
 
 
 def _time(of: Component) -> Specs:
-    parts = (_WITHOUT, LEFT, of.left), (_OWN, MODEL, of.own)
+    parts = (_WITHOUT, LEFT, of.left), (_CAUSE, MODEL, of.cause_n)
     changes = base_name(of.name) == "stiffness_change"
     at = [{"name": "the change", "colour": "bad", "at": of.shape[0]}] if changes else []
     drawn = timeline("force", of.curves.t[of.curves.rows], parts, of.curves.gap_s, 0.0, rules=at)
@@ -130,13 +129,13 @@ def _time(of: Component) -> Specs:
 
 def _folded(of: Component) -> Specs:
     x = "time within the period", "s", of.curves.t[of.curves.rows] % (1.0 / of.shape[0])
-    return _over(x, of.left, of.own)
+    return _over(x, of.left, of.cause_n)
 
 
 def _peak(of: Component) -> Specs:
-    curves, own = of.curves, np.zeros_like(of.curves.t)
-    own[curves.rows] = of.own
-    parts = (_WITHOUT, LEFT, own + curves.after), (_OWN, MODEL, own), ("left with it", "soft", curves.after)
+    curves, after, cause_n = of.curves, of.curves.after, np.zeros_like(of.curves.t)
+    cause_n[curves.rows] = of.cause_n
+    parts = (_WITHOUT, LEFT, cause_n + after), (_CAUSE, MODEL, cause_n), ("left with it", "soft", after)
     return spectrum(curves, parts, of.shape[0])
 
 
@@ -159,12 +158,14 @@ def _phase(of: Component) -> Specs:
     measured = beside + np.angle(ratio * np.exp(-1j * beside))
     most = min(_HIGHEST, 1.2 * max(1.0, float(np.abs(law).max()), *np.abs(ratio).tolist()))
     specs = []
-    for label, y, dots, own in (
+    for label, y, dots, law_y in (
         ("phase, degrees", None, np.degrees(measured), np.degrees(angle)),
         ("measured / modelled", {"min": 0.0, "max": most}, np.abs(ratio), np.abs(law)),
     ):
         points = [cloud("measured", LEFT, frequency, dots, size=3, alpha=1)]
-        specs.append(spec([panel(label, y, points=points, lines=[line(_OWN, MODEL, hz, own)])], unit="Hz"))
+        specs.append(
+            spec([panel(label, y, points=points, lines=[line(_CAUSE, MODEL, hz, law_y)])], unit="Hz")
+        )
     return tuple(specs)
 
 
@@ -178,12 +179,12 @@ _PICTURES: Mapping[str, tuple[Callable[[Component], Specs], str, str]] = {
     "period": (_folded, "Folded on its period", "All periods laid on each other."),
     "phase": (_phase, "Phase and size over the frequency",
               "A delay turns the phase evenly with the frequency, a lag by 90 degrees at most."),
-    "position": (lambda of: _over(of.x, of.left, of.own), "Over the position",
+    "position": (lambda of: _over(of.x, of.left, of.cause_n), "Over the position",
                  "The same curve on the way in and out: a spring that is bent, or a force of the place."),
     "reversal": (_since, "Over the distance since the last reversal",
                  "Both directions laid on each other; positive resists the motion."),
     "spectrum": (_peak, "Spectrum", "The line: its frequency."),
-    "speed": (lambda of: _over(of.v, of.left, of.own), "Over the speed",
+    "speed": (lambda of: _over(of.v, of.left, of.cause_n), "Over the speed",
               "A jump at zero is dry friction, a slope damping, a bend drag, a peak when slow Stribeck's."),
     "time": (_time, "Over time", "The whole recording."),
 }  # fmt: skip

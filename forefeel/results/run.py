@@ -22,7 +22,7 @@ _LONG = {
 
 
 def stages(name: str) -> Tell:
-    """Says the stages of a diagnosis that take long."""
+    """Function that says the stages of a diagnosis that take long."""
     return lambda stage: say(f"{name}: {_LONG[stage]}") if stage in _LONG else None
 
 
@@ -72,7 +72,7 @@ def run_diagnosis(
 
 
 def draw(page: Callable[[], str], name: str, out: Path, written: list[str]) -> None:
-    """A page that fails is one line: the diagnosis is there."""
+    """Draws and writes the page; one that fails is one line, for the diagnosis is there."""
     try:
         stages(name)("report")
         text = page()
@@ -85,7 +85,7 @@ def draw(page: Callable[[], str], name: str, out: Path, written: list[str]) -> N
 
 def _together(sources: Sequence[Path]) -> list[Path]:
     """The recordings of all sources, a folder's in its place."""
-    found = [file for path in sources for file in (recordings_in(path) if path.is_dir() else [path])]
-    if len(found) < 2:
-        raise ConfigurationError(f"--together: {found[0]} alone; expected at least two recordings")
-    return found
+    files = [file for path in sources for file in (recordings_in(path) if path.is_dir() else [path])]
+    if len(files) < 2:
+        raise ConfigurationError(f"--together: {files[0]} alone; expected at least two recordings")
+    return files

@@ -48,7 +48,7 @@ def test_demo_tells_what_was_hidden_and_ends_with_the_errors(
 
     monkeypatch.setattr(demo, "recorded_run", recorded_run)
     monkeypatch.setattr(demo, "judge", lambda _: None)
-    monkeypatch.setattr(demo, "_diagnosed", lambda *_: found)
+    monkeypatch.setattr(demo, "_diagnose", lambda *_: found)
     viewer = Viewer()
     demo.run_demo(viewer, tmp_path, 1)  # type: ignore[arg-type]
     named = [name for name in causes if name in demo.HIDDEN]

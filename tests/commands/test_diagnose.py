@@ -154,7 +154,7 @@ def test_diagnosis_that_fails_does_not_stop_others(
             raise np.linalg.LinAlgError("Singular matrix")
         return found
 
-    monkeypatch.setattr("forefeel.results.examine._examined", fails_on_a)
+    monkeypatch.setattr("forefeel.results.examine._examine", fails_on_a)
     assert run(["diagnose", str(folder), "--out", str(out)]) == 1
     assert "a.csv: the diagnosis failed, LinAlgError: Singular matrix" in capsys.readouterr().err
     assert names(out) == {"b", "summary.json"}

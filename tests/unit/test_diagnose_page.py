@@ -150,8 +150,8 @@ def test_what_the_picture_of_friction_shows_is_its_jump(rubbing: Diagnosed) -> N
     curves = Curves.of(rubbing.analysis, None)
     of = Component(curves, "coulomb_friction")
     v, fast = of.v[2], np.abs(of.v[2]) > 5e-3
-    assert of.own[fast] == pytest.approx(FRICTION_N * np.sign(v[fast]), rel=0.2)
-    assert of.left[fast] == pytest.approx(of.own[fast], abs=0.02)
+    assert of.cause_n[fast] == pytest.approx(FRICTION_N * np.sign(v[fast]), rel=0.2)
+    assert of.left[fast] == pytest.approx(of.cause_n[fast], abs=0.02)
 
 
 def test_the_shares_of_the_causes_and_mass_damper_spring_are_the_whole_model(rubbing: Diagnosed) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from forefeel.common.errors import RunError
 from forefeel.files import whole
-from forefeel.interrupt import SIGNALS, breakable, ends_in_order, heeded, leave
+from forefeel.interrupt import SIGNALS, breakable, ends_in_order, leave, signal_flag
 
 
 class ExitedError(BaseException):
@@ -83,7 +83,7 @@ def test_signal_removes_what_is_half_written(tmp_path: Path, exits: list[int]) -
 
 
 def test_body_that_looks_ends_by_itself(exits: list[int]) -> None:
-    with heeded() as stop:
+    with signal_flag() as stop:
         assert not stop.wanted()
         come(signal.SIGHUP)
         come(signal.SIGHUP)  # a terminal that closes sends two
@@ -93,7 +93,7 @@ def test_body_that_looks_ends_by_itself(exits: list[int]) -> None:
 
 def test_body_that_does_not_look_is_done_first(exits: list[int], capfd: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(ExitedError), ends_in_order("work") as written:
-        with heeded():
+        with signal_flag():
             come()
             written.append("both files")
         exits.append(-1)
@@ -107,7 +107,7 @@ def test_second_signal_ends_a_body_that_does_not_look(
 ) -> None:
     heard: list[int] = []
     ends = nullcontext() if told else pytest.raises(ExitedError)
-    with ends, heeded((lambda: heard.append(1)) if told else None) as stop:
+    with ends, signal_flag((lambda: heard.append(1)) if told else None) as stop:
         come(signal.SIGINT)
         assert exits == []
         clock_s[0] = 1.0
@@ -118,7 +118,7 @@ def test_second_signal_ends_a_body_that_does_not_look(
 
 def test_command_under_nohup_stays(exits: list[int]) -> None:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
-    with heeded() as stop:
+    with signal_flag() as stop:
         come(signal.SIGHUP)
         assert not stop.wanted()
     assert exits == []
@@ -133,7 +133,7 @@ def test_wait_for_a_person_breaks_off() -> None:
 
 
 def test_check_ends_a_loop_of_ours_as_a_failed_run() -> None:
-    with pytest.raises(RunError, match="work interrupted"), ends_in_order("work"), heeded() as stop:
+    with pytest.raises(RunError, match="work interrupted"), ends_in_order("work"), signal_flag() as stop:
         stop.check()
         come()
         stop.check()
@@ -143,7 +143,7 @@ def test_leave_after_a_signal_does_not_take_python_apart(
     exits: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("atexit._run_exitfuncs", lambda: None)
-    with heeded() as stop:
+    with signal_flag() as stop:
         with pytest.raises(SystemExit):
             leave(3)
         come()

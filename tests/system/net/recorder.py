@@ -16,7 +16,7 @@ from pathlib import Path
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_config import CONNECTING
-from forefeel.interrupt import heeded
+from forefeel.interrupt import signal_flag
 from forefeel.recorder import Recorder
 
 _POLL_S = 0.1
@@ -42,7 +42,7 @@ def main() -> None:
     os.nice(NICE)
     recorder = Recorder(Path(out), cell, onlooker(*way), {"cell": cell}, Party("recorder", (cell,)))
     print("recording", flush=True)
-    with heeded() as stop, closing(recorder):
+    with signal_flag() as stop, closing(recorder):
         while not stop.wanted():
             recorder.check()
             time.sleep(_POLL_S)

@@ -51,8 +51,8 @@ def test_a_ring_holds_the_newest_rows() -> None:
 
 def test_the_time_of_the_master_goes_on_between_its_words() -> None:
     line = Timeline()
-    assert line.heard(5 * S, 100 * S)
-    assert not line.heard(6 * S, 101 * S + 3_000_000)  # later by the jitter of the network: it moves nothing
+    assert line.add_stamp(5 * S, 100 * S)
+    assert not line.add_stamp(6 * S, 101 * S + 3_000_000)  # later by the network's jitter: it moves nothing
     assert line.stamp_s(6 * S) == 1.0
     assert line.now_s(103 * S) == pytest.approx(3.0, abs=4e-3)  # three seconds of 1000 ppm
     assert line.epoch == 1
@@ -60,8 +60,8 @@ def test_the_time_of_the_master_goes_on_between_its_words() -> None:
 
 def test_a_host_that_was_started_again_begins_a_new_time() -> None:
     line = Timeline()
-    line.heard(5_000 * S, 100 * S)
-    heard = [line.heard(3 * S + n * MS, 160 * S + n * MS) for n in range(52)]
+    line.add_stamp(5_000 * S, 100 * S)
+    heard = [line.add_stamp(3 * S + n * MS, 160 * S + n * MS) for n in range(52)]
     assert heard == [None] * 50 + [True, False]
     assert line.epoch == 2
     assert line.stamp_s(3 * S + 50 * MS) == 0.0
@@ -70,9 +70,9 @@ def test_a_host_that_was_started_again_begins_a_new_time() -> None:
 @pytest.mark.parametrize("ahead_s", [1, 9, 3600])
 def test_a_lone_stamp_from_the_future_moves_no_time(ahead_s: int) -> None:
     line = Timeline()
-    line.heard(5 * S, 100 * S)
-    assert line.heard((6 + ahead_s) * S, 101 * S) is None
-    assert not line.heard(6 * S + MS, 101 * S + MS)
+    line.add_stamp(5 * S, 100 * S)
+    assert line.add_stamp((6 + ahead_s) * S, 101 * S) is None
+    assert not line.add_stamp(6 * S + MS, 101 * S + MS)
     assert line.now_s(101 * S + MS) == pytest.approx(1.0, abs=4e-3)
     assert line.epoch == 1
 
@@ -81,6 +81,6 @@ def test_clocks_may_drift_apart_for_an_hour() -> None:
     line, anew = Timeline(), 0
     for second in range(3600):
         stamp_ns = second * S
-        anew += bool(line.heard(stamp_ns, 100 * S + round(stamp_ns * (1 + 50e-6))))
+        anew += bool(line.add_stamp(stamp_ns, 100 * S + round(stamp_ns * (1 + 50e-6))))
     assert anew == 1
     assert line.now_s(100 * S + round(3599 * S * (1 + 50e-6))) == pytest.approx(3599.0, abs=1e-3)
