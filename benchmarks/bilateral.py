@@ -22,13 +22,13 @@ a user could not know it.
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from math import pi, sqrt
+from math import exp, pi, sqrt
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.causes.numerics import FirstOrderLag
+from forefeel.common.causes.motion import Lag
 from forefeel.common.limiter import MotionLimiter
 from forefeel.common.messages import MotionCommand, SafetyState
 from forefeel.master.handle import Handle, HandleReading, Indication
@@ -117,18 +117,19 @@ class TwoPort:
 class Waves:
     def __init__(self, most_n: float, impedance_n_s_m: float, filter_hz: float, drawn_1_s: float) -> None:
         self._most_n, self._b, self._drawn_1_s = most_n, impedance_n_s_m, drawn_1_s
-        self._to_slave, self._to_master = (FirstOrderLag(1.0 / (2.0 * pi * filter_hz)) for _ in range(2))
+        self._to_slave, self._to_master = Lag(), Lag()
+        self._decay = exp(-2.0 * pi * filter_hz * _TICK_S)
 
     def slave(self, sent: Down, force_n: float, position_m: float) -> tuple[float, Up]:
         share = sqrt(2.0 / self._b)
-        wave = self._to_slave.advance(sent.flow, _TICK_S)
+        wave = self._to_slave.step(sent.flow, self._decay)
         velocity_m_s = share * wave - force_n / self._b
         velocity_m_s += self._drawn_1_s * (sent.position_m - position_m)
         return velocity_m_s, Up(wave - share * force_n, force_n, 0.0)
 
     def master(self, reading: HandleReading, answer: Up) -> tuple[float, Down]:
         damped_n, root = self._b * reading.velocity_m_s, sqrt(2.0 * self._b)
-        wave = self._to_master.advance(answer.flow, _TICK_S)
+        wave = self._to_master.step(answer.flow, self._decay)
         force_n = max(-self._most_n, min(self._most_n, damped_n - root * wave))
         return force_n, Down((damped_n + force_n) / root, reading.position_m, 0.0, reading.deadman)
 

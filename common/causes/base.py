@@ -4,21 +4,21 @@ Five kinds. A `ForceEffect` adds a force that is linear in some of its parameter
 `f = sum_i theta_i phi_i(motion, state)`. A `MotionEffect` stands between stage and instrument and changes the
 motion; a `FactorEffect` stands between tip and stage and changes the force. A `ContactEffect` decides whether
 the wall is touched. A `SensorEffect` stands between force and reading.
-All are pure: time is an argument, the only state is their own, `reset` forgets it.
+All are pure: time is an argument, the only state are their memories, `reset` forgets it.
 
-Each has two forms of the same physics. One steps through time with Python floats, for the plant and the
-predictor. The other takes a whole recording as arrays, for the diagnosis: it begins at rest at the first
-stamp, steps over the intervals between the stamps, and neither sees nor changes the state of the first. By
-default it is the first in a loop.
+Each is one equation: a method of the motion, which is a `MotionSample` for the plant and the predictor and a
+`Motion` of a whole recording for the fit of the predictor and for the diagnosis, see `motion`.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 
+from forefeel.common.causes.motion import Kinematics, Memory, Motion, Value
 from forefeel.common.causes.numerics import Array
 
 if TYPE_CHECKING:
@@ -58,6 +58,8 @@ class Parameter:
 class Effect(ABC):
     """Common part of all effects: a name, bounded parameters by name, a state that can be forgotten.
 
+    The state is in class attributes that are a `Memory`, of which each effect gets its own.
+
     Raises:
         ValueError: unknown parameter, or a value that is not finite or out of its bounds; one line.
     """
@@ -81,7 +83,16 @@ class Effect(ABC):
     shorthands: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """A name that sets several parameters at once, such as `force_n` of a symmetric friction."""
 
+    _memories: ClassVar[Mapping[str, Memory]] = {}
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        added = {name: value for name, value in vars(cls).items() if isinstance(value, Memory)}
+        cls._memories = {**cls._memories, **added}
+
     def __init__(self, **values: float) -> None:
+        for name, memory in self._memories.items():
+            setattr(self, name, copy(memory))
         self.values: Mapping[str, float] = self.complete(values)
         self._configure()
         self.reset()
@@ -114,13 +125,15 @@ class Effect(ABC):
     def _configure(self) -> None:  # noqa: B027 - a hook, empty by default
         """Derives from `values` what the step needs; called once for each set of them."""
 
-    def reset(self) -> None:  # noqa: B027 - an effect without memory has nothing to forget
+    def reset(self) -> None:
         """Forgets the state, as after a new contact."""
+        for name in self._memories:
+            getattr(self, name).reset()
 
     @property
     def remembers(self) -> bool:
-        """Whether what it gives depends on more than the motion at this instant."""
-        return type(self).reset is not Effect.reset
+        """True where what it gives depends on more than the motion at this instant."""
+        return bool(self._memories)
 
 
 class ForceEffect(Effect):
@@ -129,29 +142,24 @@ class ForceEffect(Effect):
     site: ClassVar[Site]
 
     @abstractmethod
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        """phi_i after advancing the state by dt to time t: one per linear parameter, in the same order.
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        """phi_i, one per linear parameter, in the same order; the motion is that at the end of the step."""
 
-        Units: t, dt s; x m; v m/s; a m/s^2. `x, v, a` are the motion at the end of the step.
-        """
+    def columns(self, motion: Motion) -> Array:
+        """phi_i of a whole recording, from rest, shape (n, linear parameters)."""
+        names = self.linear_names
+        rows = np.empty((len(names), len(motion.t)))
+        for i, phi in zip(range(len(names)), self.regressors(motion), strict=True):
+            rows[i] = phi
+        return rows.T
 
-    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        """phi_i of a whole recording, shape (n, linear parameters).
-
-        t, x, v, a: stamps in s and the motion at them, shape (n,). dt: the interval before each stamp, see
-        `numerics.intervals_s`.
-        """
-        fresh = type(self)(**self.values)
-        rows = [fresh.regressors(*at) for at in zip(*(c.tolist() for c in (t, x, v, a, dt)), strict=True)]
-        return np.array(rows, dtype=np.float64).reshape(len(t), len(self.linear_names))
-
-    def span(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def span(self, motion: Motion) -> Array:
         """Columns whose combinations are all that the effect can be at its `shape_names`, shape (n, m).
 
         By default `columns`. An effect overrides it where nonlinear parameters become linear in other
         coordinates, as amplitude and phase do in sine and cosine; `from_span` leads back.
         """
-        return self.columns(t, x, v, a, dt)
+        return self.columns(motion)
 
     def from_span(self, coefficients: Sequence[float]) -> dict[str, float]:
         """Every parameter by name, from the coefficients of `span`; not checked against the bounds."""
@@ -161,11 +169,6 @@ class ForceEffect(Effect):
     def shape_names(cls) -> tuple[str, ...]:
         """The parameters that `span` depends on: what is left to search after a linear fit."""
         return tuple(p.name for p in cls.parameters if not p.linear)
-
-    def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
-        """The force in N after advancing the state by dt. Call this or `regressors`, once per step."""
-        phi = self.regressors(t, x, v, a, dt)
-        return sum(theta * p for theta, p in zip(self.linear_values, phi, strict=True))
 
     @property
     def linear_names(self) -> tuple[str, ...]:
@@ -182,44 +185,24 @@ class MotionEffect(Effect):
     """Something between stage and instrument: the instrument's motion from the stage's."""
 
     @abstractmethod
-    def transform(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, float, float]:
-        """(x, v, a) of the instrument after advancing the state by dt to time t."""
-
-    def path(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> tuple[Array, Array, Array]:
-        """(x, v, a) of the instrument over a whole recording, each shape (n,); see `columns`."""
-        fresh = type(self)(**self.values)
-        rows = [fresh.transform(*at) for at in zip(*(c.tolist() for c in (t, x, v, a, dt)), strict=True)]
-        moved = np.array(rows, dtype=np.float64).reshape(len(t), 3)
-        return moved[:, 0], moved[:, 1], moved[:, 2]
+    def moved(self, m: Kinematics) -> Kinematics:
+        """The instrument's motion, of the kind that m is: `m.along` other positions."""
 
 
 class FactorEffect(Effect):
     """Something along the instrument that lets more or less of the tip's force through, by the motion."""
 
     @abstractmethod
-    def factor(self, x: float, v: float, force_n: float) -> float:
-        """By which the forces of shaft and wall are multiplied.
-
-        x in m and v in m/s are the instrument's, force_n the sum of these forces at the tip.
-        """
-
-    def factors(self, x: Array, v: Array, force_n: Array) -> Array:
-        """`factor` over a whole recording, shape (n,)."""
-        at = zip(x.tolist(), v.tolist(), force_n.tolist(), strict=True)
-        return np.array([self.factor(*each) for each in at], dtype=np.float64)
+    def factor(self, m: Kinematics, force_n: Value) -> Value:
+        """Factor of the forces of shaft and wall; force_n: their sum at the tip."""
 
 
 class ContactEffect(Effect):
     """Decides whether the wall is touched at all."""
 
     @abstractmethod
-    def penetration_m(self, x: float, v: float) -> float | None:
-        """Depth beyond the contact position in m, or None without contact; x, v are the instrument's."""
-
-    def penetrations_m(self, x: Array, v: Array) -> Array:
-        """Depth over a whole recording, shape (n,); nan without contact."""
-        depths = map(self.penetration_m, x.tolist(), v.tolist())
-        return np.array([np.nan if depth is None else depth for depth in depths])
+    def contact(self, m: Kinematics) -> tuple[Value, Value]:
+        """(depth beyond the contact position in m, 1 in contact and 0 without) of the instrument's motion."""
 
 
 class SensorEffect(Effect):
@@ -229,11 +212,5 @@ class SensorEffect(Effect):
     """Whether the reading of a sum is the sum of the readings, so that it may be taken of each regressor."""
 
     @abstractmethod
-    def sense(self, t: float, force_n: float, dt: float) -> float:
-        """The reading in N after advancing the state by dt to time t."""
-
-    def readings(self, t: Array, force_n: Array, dt: Array) -> Array:
-        """The readings of a whole recording, shape (n,); see `ForceEffect.columns`."""
-        fresh = type(self)(**self.values)
-        steps = zip(*(c.tolist() for c in (t, force_n, dt)), strict=True)
-        return np.array([fresh.sense(*at) for at in steps], dtype=np.float64)
+    def reading(self, m: Kinematics, force_n: Value) -> Value:
+        """The reading in N of a force at m.t, m.dt after the last."""

@@ -6,15 +6,15 @@ itself. A cause may have several forms, `name:form`, of which a model holds one.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.causes.base import Effect, Site
-from forefeel.common.causes.numerics import Array, sign_means
+from forefeel.common.causes.base import ContactEffect, Effect, Site
+from forefeel.common.causes.motion import Motion, MotionGrid
+from forefeel.common.causes.numerics import Array
 
 Spectrum = NDArray[np.complex128]
 Shape = tuple[float, ...]
@@ -23,35 +23,6 @@ Model = Mapping[str, Shape]
 Values = dict[str, float]
 Entry = dict[str, Any]
 """An effect of a model.yaml."""
-
-
-@dataclass(frozen=True, eq=False)
-class MotionGrid:
-    """The instrument's motion on the fine grid and the measured force in N; `touching` is 1 in contact;
-    `speed_band` where v is noise.
-    """
-
-    t: Array
-    x: Array
-    v: Array
-    a: Array
-    touching: Array
-    pieces: tuple[slice, ...]
-    speed_band: float
-    decimated: bool
-    force: Array
-
-    @cached_property
-    def direction(self) -> Array:
-        """sign(v), linear where the speed is within its noise; means where samples are coarser than raw."""
-        if self.decimated:
-            return sign_means(self.v, self.speed_band)
-        return np.clip(self.v / self.speed_band, -1.0, 1.0)
-
-    @property
-    def depth(self) -> Array:
-        """Penetration: the position where it is positive."""
-        return np.maximum(self.x, 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +74,8 @@ class Candidate:
 
     Attributes:
         form: "" or what tells it from other forms of the same cause.
+        kind: the class of the effect; by default that of the cause, see `of`.
+        values: parameters of the effect by its shape, where `shapes` are not these.
         coefficients, shapes: the parameters that its coefficients and its shape are, in their order.
         naming, making: its parameters, its entries of a model.yaml, where these are others.
         signs: of its coefficients when positive force resists, +1, or 0 for either.
@@ -117,6 +90,8 @@ class Candidate:
     """
 
     form: str = ""
+    kind: type[Any] = Effect
+    values: Callable[[Shape], Values] | None = None
     coefficients: tuple[str, ...] = ()
     shapes: tuple[str, ...] = ()
     naming: Naming | None = None
@@ -130,6 +105,17 @@ class Candidate:
     picture: str = "time"
     costly: bool = False
 
+    def of(self, kind: type[Effect]) -> Self:
+        """The form of that cause."""
+        return self if hasattr(self.kind, "name") else replace(self, kind=kind)
+
+    def effect(self, shape: Shape) -> Any:  # noqa: ANN401 - of `kind`
+        """The effect at that shape, within its bounds; what the shape does not set is at its default."""
+        return self.kind(**within(self.kind, self.values_at(shape)))
+
+    def values_at(self, shape: Shape) -> Values:
+        return self.values(shape) if self.values else dict(zip(self.shapes, shape, strict=True))
+
     def named(self, found: Found) -> Values:
         if self.naming is not None:
             return self.naming(found)
@@ -141,28 +127,75 @@ class Candidate:
         """`sizes`, or their default."""
         return self.coefficients if self.sizes is None else self.sizes
 
-    def entries(self, found: Found, kind: type[Effect]) -> list[Entry]:
-        """What a model.yaml says of it; `kind`: the cause's class."""
-        return [entry(kind, self.named(found))] if self.making is None else self.making(found)
+    def entries(self, found: Found) -> list[Entry]:
+        """Entries of a model.yaml."""
+        return [entry(self.kind, self.named(found))] if self.making is None else self.making(found)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class ForceColumns(Candidate):
-    """Columns of the motion; `at_wall`: of the motion in contact only."""
+class Form(Candidate):
+    """The regressors of a force effect at a shape, by default one coefficient for each linear parameter.
 
-    columns: Callable[[MotionGrid, Shape], list[Array]]
-    at_wall: bool = False
+    Attributes:
+        site: where it acts in this form, if not at its own site.
+        mix: rows of what each coefficient adds to the linear parameters, where they are not the same.
+        beside: further columns, of no parameter.
+        elements: so many effects in parallel, each with an equal part of the shape.
+    """
+
+    site: Site | None = None
+    mix: tuple[tuple[float, ...], ...] = ()
+    beside: Callable[[MotionGrid, Shape], list[Array]] | None = None
+    elements: int = 1
+
+    def of(self, kind: type[Effect]) -> Self:
+        """The form of that cause; signs are those of the parameters' bounds where it does not say so."""
+        form = super().of(kind)
+        linear = [p for p in form.kind.parameters if p.linear]
+        signs = tuple(1 if p.lower >= 0.0 else -1 if p.upper <= 0.0 else 0 for p in linear)
+        names = () if form.mix or form.naming else tuple(p.name for p in linear)
+        return replace(form, signs=form.signs or signs, coefficients=form.coefficients or names)
+
+    @property
+    def at_wall(self) -> bool:
+        """True where it acts in contact only."""
+        return (self.site or self.kind.site) == "wall"
+
+    def columns(self, motion: MotionGrid, shape: Shape) -> list[Array]:
+        """Shape (n,) each: by element those of the coefficients, then those beside."""
+        columns: list[Array] = []
+        for part in map(tuple, np.reshape(shape, (self.elements, -1)).tolist()):
+            phi = self.effect(part).columns(motion).T
+            columns += list(np.array(self.mix) @ phi if self.mix else phi)
+            columns += self.beside(motion, part) if self.beside else []
+        return columns
+
+    def named(self, found: Found) -> Values:
+        if self.naming is not None or self.coefficients:
+            return super().named(found)
+        theta = np.array(self.mix).T @ found.coefficients[: len(self.mix)]
+        linear = [p.name for p in self.kind.parameters if p.linear]
+        return {**dict(zip(linear, map(float, theta), strict=True)), **self.values_at(found.shape)}
 
 
-class PositionWave(ForceColumns):
+class PositionWave(Form):
     """Waves over the position, whose period in m is searched in what the rest leaves."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReadingColumns(Candidate):
-    """Columns of the time in s since the recording's start, shape (n, coefficients)."""
+    """Columns of the time in s since the recording's start, by default the span of the effect.
 
-    columns: Callable[[Array, Shape], Array]
+    `over_time`: other ones, of (t, shape).
+    """
+
+    over_time: Callable[[Array, Shape], Array] | None = None
+
+    def columns(self, t: Array, shape: Shape) -> Array:
+        """Shape (n, coefficients)."""
+        if self.over_time is not None:
+            return self.over_time(t, shape)
+        return np.asarray(self.effect(shape).span(Motion(t, t, t, t, t)))
 
 
 class Periodic(ReadingColumns):
@@ -198,28 +231,41 @@ class Alignment(Changing):
 class Transmission(Changing):
     """Another motion for all forces. Its own column is the instrument's acceleration, of a second mass."""
 
-    moved: Callable[[MotionGrid, Shape], MotionGrid]
+    def moved(self, motion: MotionGrid, shape: Shape) -> MotionGrid:
+        effect = self.effect(shape)
+        if isinstance(effect, ContactEffect):
+            depth, touching = effect.contact(motion)
+            return replace(motion, x=depth, touching=touching)
+        moved: MotionGrid = effect.moved(motion)
+        return moved
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Modulation(Changing):
-    """A factor of all forces at each instant: of (motion, shape). Its own column is a constant of the tip's.
+    """A factor of all forces at each instant. Its own column is a constant of the tip's.
 
-    `zero_n`: of a factor that asks for the sign of the tip's force, the reading at which it takes that force
-    to be zero, by its shape.
+    `by_tip`: it asks for the sign of the tip's force, which is zero at the reading that ends its shape; else
+    the tip pushes throughout.
     """
 
-    factor: Callable[[MotionGrid, Shape], Array]
-    zero_n: Callable[[Shape], float] | None = None
+    by_tip: bool = False
+
+    def factor(self, motion: MotionGrid, shape: Shape) -> Array:
+        force_n = motion.force - shape[-1] if self.by_tip else 1.0
+        return np.asarray(self.effect(shape).factor(motion, force_n))
+
+
+def within(kind: type[Effect], values: Values) -> Values:
+    """The values that are parameters of the effect, within their bounds."""
+    bounds = {p.name: (p.lower, p.upper) for p in kind.parameters if p.name in values}
+    return {name: float(min(max(values[name], low), high)) for name, (low, high) in bounds.items()}
 
 
 def entry(kind: type[Effect], values: Values) -> Entry:
     """One effect, its parameters within the effect's bounds; a shorthand counts where no parameter is."""
-    bounds = {p.name: (p.lower, p.upper) for p in kind.parameters}
-    known = {name: value for name, value in values.items() if name in bounds}
-    if not known:
-        known = {t: value for name, value in values.items() for t in kind.shorthands.get(name, ())}
-    inside = {name: float(np.clip(value, *bounds[name])) for name, value in known.items()}
+    inside = within(kind, values)
+    if not inside:
+        inside = within(kind, {t: v for name, v in values.items() for t in kind.shorthands.get(name, ())})
     return {"effect": kind.name, "parameters": inside}
 
 

@@ -1,10 +1,6 @@
 """Friction along a bent shaft: it multiplies the tip's force."""
 
-from collections.abc import Callable
 from itertools import product
-from math import copysign, exp
-
-import numpy as np
 
 from forefeel.common.causes.base import FactorEffect, Parameter
 from forefeel.common.causes.candidate import (
@@ -13,14 +9,12 @@ from forefeel.common.causes.candidate import (
     Found,
     Grid,
     Modulation,
-    MotionGrid,
     Shape,
     Values,
     entry,
     log_grid,
 )
-from forefeel.common.causes.friction import direction, directions
-from forefeel.common.causes.numerics import Array
+from forefeel.common.causes.motion import Kinematics, Value
 from forefeel.common.causes.sensor import Bias
 
 _LEAST, _MOST = 0.03, 1.5  # rad, wraps that are tried; chosen
@@ -38,13 +32,8 @@ def _wraps_of_depths(extent: Extent) -> list[Shape]:
     return [(wrap_rad / reach_m, zero_n) for wrap_rad, zero_n in _wraps_and_zeros(extent)]
 
 
-def _by_the_tip(
-    form: str, wrap: str, length: Callable[[MotionGrid], Array | float], grid: Grid
-) -> Modulation:
-    """By the sign of the tip's force, which is that of the reading without its offset, with a preload.
-
-    `wrap`: the parameter, which is multiplied by `length` of the motion.
-    """
+def _by_the_tip(form: str, wrap: str, grid: Grid) -> Modulation:
+    """Form by the sign of the tip's force, that of the reading without its offset, with a preload."""
 
     def named(found: Found) -> Values:
         return {wrap: found.shape[0]}
@@ -53,15 +42,10 @@ def _by_the_tip(
         preload = entry(Bias, {"force_n": float(found.coefficients[0])})
         return [entry(Capstan, named(found)), {**preload, "site": "wall"}]
 
-    def factor(motion: MotionGrid, shape: Shape) -> Array:
-        size, zero_n = shape
-        opposing = motion.direction * np.sign(motion.force - zero_n)
-        return np.asarray(np.exp(size * length(motion) * opposing))
-
     return Modulation(
         form=form, coefficients=("preload_n",), shapes=(wrap, "zero_n"), naming=named, making=entries,
-        sizes=(wrap,), signs=(0,), factor=factor, zero_n=lambda shape: shape[1], grid=grid, logarithmic=False,
-        mass_site="sensor", costly=True, picture="direction",
+        signs=(0,), sizes=(wrap,), grid=grid, by_tip=True, logarithmic=False, mass_site="sensor", costly=True,
+        picture="direction",
     )  # fmt: skip
 
 
@@ -91,18 +75,13 @@ class Capstan(FactorEffect):
     candidates = (
         Modulation(
             shapes=("wrap_rad",), sizes=("wrap_rad",), picture="direction",
-            factor=lambda motion, shape: np.exp(shape[0] * motion.direction),
             grid=lambda extent: log_grid(_LEAST, _MOST, 9),
         ),
-        _by_the_tip("tip", "wrap_rad", lambda motion: 1.0, _wraps_and_zeros),
-        _by_the_tip("depth", "wrap_rad_m", lambda motion: motion.depth, _wraps_of_depths),
+        _by_the_tip("tip", "wrap_rad", _wraps_and_zeros),
+        _by_the_tip("depth", "wrap_rad_m", _wraps_of_depths),
     )  # fmt: skip
 
-    def factor(self, x: float, v: float, force_n: float) -> float:
+    def factor(self, m: Kinematics, force_n: Value) -> Value:
         """exp(wrap s)."""
-        wrap = self.values["wrap_rad"] + self.values["wrap_rad_m"] * max(x, 0.0)
-        return exp(wrap * direction(v) * copysign(1.0, force_n))
-
-    def factors(self, x: Array, v: Array, force_n: Array) -> Array:
-        wrap = self.values["wrap_rad"] + self.values["wrap_rad_m"] * np.maximum(x, 0.0)
-        return np.asarray(np.exp(wrap * directions(v) * np.copysign(1.0, force_n)))
+        wrap = self.values["wrap_rad"] + self.values["wrap_rad_m"] * m.depth
+        return m.exp(wrap * m.direction() * m.sign(force_n))

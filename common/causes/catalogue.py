@@ -32,7 +32,7 @@ def kin(name: str) -> frozenset[str]:
 
 def _forms(kind: type[Effect]) -> Iterator[tuple[str, Candidate]]:
     for candidate in kind.candidates:
-        yield f"{kind.name}:{candidate.form}" if candidate.form else kind.name, candidate
+        yield f"{kind.name}:{candidate.form}" if candidate.form else kind.name, candidate.of(kind)
 
 
 CANDIDATES: dict[str, Candidate] = {
@@ -54,7 +54,7 @@ def refresh(said: Callable[[str], None] = lambda line: None) -> None:
 
 def entries(name: str, found: Found) -> list[Entry]:
     """What a model.yaml says of a cause, by the name of its form."""
-    return CANDIDATES[name].entries(found, effect_class(base_name(name)))
+    return CANDIDATES[name].entries(found)
 
 
 def words(name: str) -> str:
@@ -102,4 +102,4 @@ def _installed(said: Callable[[str], None]) -> Iterator[tuple[str, Candidate]]:
         elif len(kind.shape_names()) > MOST_SHAPES:
             said(f"not searched: {name} has {len(kind.shape_names())} parameters that are not linear")
         else:
-            yield name, GenericForce(kind).candidate()
+            yield name, GenericForce().of(kind)

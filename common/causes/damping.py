@@ -1,10 +1,8 @@
 """Forces of the speed: viscous by direction, drag with its square, damping that grows with depth."""
 
-import numpy as np
-
 from forefeel.common.causes.base import ForceEffect, Parameter
-from forefeel.common.causes.candidate import ForceColumns, Found, Values
-from forefeel.common.causes.numerics import Array
+from forefeel.common.causes.candidate import Form, Found, Values
+from forefeel.common.causes.motion import Kinematics, Value
 
 
 def _by_direction(found: Found) -> Values:
@@ -29,18 +27,10 @@ class AsymmetricDamping(ForceEffect):
     fingerprint = "two slopes over velocity that meet at rest: a share proportional to |v|"
     words = "damping that differs by direction"
     equation = ("{forward_n_s_m} max(x', 0) + {backward_n_s_m} min(x', 0)",)
-    candidates = (
-        ForceColumns(
-            signs=(0,), columns=lambda motion, _: [np.abs(motion.v)], at_wall=True, naming=_by_direction,
-            picture="speed",
-        ),
-    )  # fmt: skip
+    candidates = (Form(mix=((1, -1),), signs=(0,), site="wall", naming=_by_direction, picture="speed"),)
 
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        return (v, 0.0) if v > 0.0 else (0.0, v)
-
-    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        return np.stack((np.maximum(v, 0.0), np.minimum(v, 0.0))).T
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        return m.positive(m.v), m.negative(m.v)
 
 
 class QuadraticDrag(ForceEffect):
@@ -53,18 +43,10 @@ class QuadraticDrag(ForceEffect):
     fingerprint = "odd in the velocity and growing with its square, without a jump at rest"
     words = "drag with the square of the speed"
     equation = ("{drag_n_s2_m2} x' |x'|",)
-    candidates = (
-        ForceColumns(
-            coefficients=("drag_n_s2_m2",), signs=(1,),
-            columns=lambda motion, _: [motion.v * np.abs(motion.v)], picture="speed",
-        ),
-    )  # fmt: skip
+    candidates = (Form(picture="speed"),)
 
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        return (v * abs(v),)
-
-    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        return (v * np.abs(v))[:, None]
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        return (m.v * abs(m.v),)
 
 
 class HuntCrossleyDamping(ForceEffect):
@@ -80,15 +62,7 @@ class HuntCrossleyDamping(ForceEffect):
     fingerprint = "proportional to speed, and more so the deeper: a loop that widens with depth and speed"
     words = "damping that grows with depth"
     equation = ("{damping_n_s_m2} max(x, 0) x'",)
-    candidates = (
-        ForceColumns(
-            coefficients=("damping_n_s_m2",), signs=(1,),
-            columns=lambda motion, _: [motion.depth * motion.v], at_wall=True, picture="depth",
-        ),
-    )  # fmt: skip
+    candidates = (Form(picture="depth"),)
 
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        return (x * v if x > 0.0 else 0.0,)
-
-    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        return (np.maximum(x, 0.0) * v)[:, None]
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        return (m.depth * m.v,)

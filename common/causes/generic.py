@@ -1,4 +1,4 @@
-"""How a diagnosis fits a force effect that does not say so itself, such as one of another distribution.
+"""Form of a force effect that has none of its own, such as one of another distribution.
 
 Its `span` gives the columns, the parameters that it calls not linear are searched between its bounds, but for
 those that are off, at a lowest value of 0, by default; `from_span` leads back to its parameters. The scale is
@@ -7,94 +7,69 @@ share of the range: one kind of search serves both. Time, where an effect depend
 recording's first stamp.
 """
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
+from functools import partial
 from itertools import product
+from typing import Self
 
 import numpy as np
 
-from forefeel.common.causes.base import ForceEffect, Parameter
-from forefeel.common.causes.candidate import Extent, ForceColumns, Found, MotionGrid, Shape, Values
-from forefeel.common.causes.friction import BAND_M_S
-from forefeel.common.causes.numerics import Array, intervals_s
+from forefeel.common.causes.base import Effect, ForceEffect, Parameter
+from forefeel.common.causes.candidate import Extent, Form, Found, Shape, Values
+from forefeel.common.causes.motion import Motion, MotionGrid
+from forefeel.common.causes.numerics import Array
 
 MOST_SHAPES = 3
 # points of the first grid along each axis, by the number of axes: what a search of a second or two affords
 _POINTS = {0: 1, 1: 144, 2: 16, 3: 6}
-_LOOPED_POINTS = {0: 1, 1: 24, 2: 6, 3: 3}
 _FAR_APART = 10.0
 _FINEST = 40.0
 
 
-@dataclass(frozen=True)
-class GenericForce:
-    """One force effect as the diagnosis uses it."""
+class GenericForce(Form):
+    """Columns of a span, over shapes between the bounds of the parameters."""
 
-    kind: type[ForceEffect]
+    def of(self, kind: type[Effect]) -> Self:
+        form = super().of(kind)
+        sizes, grid = tuple(p.name for p in kind.parameters if p.linear), partial(_grid, form.searched)
+        if form.kind.span is ForceEffect.span:
+            return replace(form, sizes=sizes, grid=grid)
+        middle = form.effect(tuple(2.0 if _logarithmic(p) else 1.5 for p in form.searched))
+        count = middle.span(Motion.of(*np.ones((4, 3)))).shape[1]
+        return replace(form, sizes=sizes, grid=grid, signs=(0,) * count)
 
-    @cached_property
-    def shapes(self) -> tuple[Parameter, ...]:
+    @property
+    def searched(self) -> tuple[Parameter, ...]:
         """The parameters that are searched, in the order of a shape."""
         wanted = self.kind.shape_names()
         return tuple(p for p in self.kind.parameters if p.name in wanted and not p.default == p.lower == 0.0)
 
-    def candidate(self) -> ForceColumns:
-        return ForceColumns(
-            signs=self._signs(), columns=self.columns, grid=self.grid, at_wall=self.kind.site == "wall",
-            naming=self.named,
-            sizes=tuple(p.name for p in self.kind.parameters if p.linear),
-        )  # fmt: skip
+    def values_at(self, shape: Shape) -> Values:
+        values = {}
+        for p, coordinate in zip(self.searched, shape, strict=True):
+            value = coordinate if _logarithmic(p) else p.lower + np.log(coordinate) * (p.upper - p.lower)
+            values[p.name] = float(value)
+        return values
 
     def columns(self, motion: MotionGrid, shape: Shape) -> list[Array]:
-        """Its span over the motion, each stretch from rest."""
-        if self.kind.site == "sensor":
-            motion = replace(motion, touching=np.ones_like(motion.t))
-        effect, v, m = self.effect(shape), _without_noise(motion), motion
-        parts = [effect.span(m.t[p], m.x[p], v[p], m.a[p], intervals_s(m.t[p])) for p in m.pieces]
-        return [np.ascontiguousarray(column) for column in np.concatenate(parts).T]
-
-    def effect(self, shape: Shape) -> ForceEffect:
-        """At that shape, linear parameters at their defaults."""
-        values = {}
-        for p, coordinate in zip(self.shapes, shape, strict=True):
-            value = coordinate if _logarithmic(p) else p.lower + np.log(coordinate) * (p.upper - p.lower)
-            values[p.name] = float(np.clip(value, p.lower, p.upper))
-        return self.kind(**values)
-
-    def grid(self, extent: Extent) -> list[Shape]:
-        """Every combination of points between bounds that the recording can tell apart."""
-        if not self.shapes:
-            return [()]
-        looped = self.kind.columns is ForceEffect.columns
-        count = (_LOOPED_POINTS if looped else _POINTS)[len(self.shapes)]
-        axes = [self._axis(p, extent, count) for p in self.shapes]
-        return [tuple(map(float, point)) for point in product(*axes)]
+        return list(self.effect(shape).span(motion).T)
 
     def named(self, found: Found) -> Values:
         values = self.effect(found.shape).from_span([float(c) for c in found.coefficients])
         return {name: float(value) for name, value in values.items()}
 
-    def _axis(self, p: Parameter, extent: Extent, count: int) -> Array:
-        low, high = _told_apart(p, extent)
-        if _logarithmic(p):
-            return np.geomspace(low, high, count)
-        return np.asarray(np.exp((np.linspace(low, high, count) - p.lower) / (p.upper - p.lower)))
 
-    def _signs(self) -> tuple[int, ...]:
-        """Of the coefficients, where the bounds allow one sign only and coefficients are parameters."""
-        middle = self.effect(tuple(2.0 if _logarithmic(p) else 1.5 for p in self.shapes))
-        t = np.arange(3.0)
-        count = int(middle.span(t, t, t, t, t).shape[1])
-        if self.kind.span is not ForceEffect.span:
-            return (0,) * count
-        linear = [p for p in self.kind.parameters if p.linear]
-        return tuple(1 if p.lower >= 0.0 else -1 if p.upper <= 0.0 else 0 for p in linear)
+def _grid(searched: tuple[Parameter, ...], extent: Extent) -> list[Shape]:
+    """Every combination of points between bounds that the recording can tell apart."""
+    axes = [_axis(p, extent, _POINTS[len(searched)]) for p in searched]
+    return [tuple(map(float, point)) for point in product(*axes)]
 
 
-def _without_noise(motion: MotionGrid) -> Array:
-    """The speed, where it is only noise made so small that `direction` goes evenly through it."""
-    noisy = np.abs(motion.v) < motion.speed_band
-    return np.where(noisy, motion.v * (BAND_M_S / max(motion.speed_band, BAND_M_S)), motion.v)
+def _axis(p: Parameter, extent: Extent, count: int) -> Array:
+    low, high = _told_apart(p, extent)
+    if _logarithmic(p):
+        return np.geomspace(low, high, count)
+    return np.asarray(np.exp((np.linspace(low, high, count) - p.lower) / (p.upper - p.lower)))
 
 
 def _logarithmic(p: Parameter) -> bool:

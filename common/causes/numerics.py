@@ -1,8 +1,7 @@
-"""Evaluation of whole recordings: arrays, intervals, compiled loops, first-order lags, means over samples."""
+"""Evaluation of whole recordings: arrays, intervals, compiled loops, means over samples."""
 
 from collections.abc import Callable
 from functools import cache, wraps
-from math import exp
 from typing import Any, TypeVar, cast
 
 import numpy as np
@@ -38,37 +37,6 @@ def lazy_kernel(function: F) -> F:
 
 def _plain(argument: object) -> object:
     return np.require(argument, np.float64, ["C", "W"]) if isinstance(argument, np.ndarray) else argument
-
-
-class FirstOrderLag:
-    """`tau dy/dt = u - y`, solved exactly: `y(t + dt) = u + (y(t) - u) exp(-dt / tau)`."""
-
-    def __init__(self, time_constant_s: float) -> None:
-        self._time_constant_s = time_constant_s
-        self._dt, self._decay = 0.0, 1.0
-        self.value = 0.0
-
-    def advance(self, u: float, dt: float) -> float:
-        """y after dt; the exponential is computed again only when dt changes."""
-        if dt != self._dt:
-            self._dt, self._decay = dt, exp(-dt / self._time_constant_s)
-        self.value = value = u + (self.value - u) * self._decay
-        return value
-
-
-def lagged(u: Array, dt: Array, time_constant_s: float, start: float = 0.0) -> Array:
-    """y after each dt, shape (n,): `FirstOrderLag` over a whole recording, `start` before it."""
-    return _recursion(u, np.exp(dt / -time_constant_s), start)
-
-
-@lazy_kernel
-def _recursion(u: Array, decay: Array, start: float) -> Array:
-    y = np.empty_like(u)
-    value = start
-    for i in range(len(u)):
-        value = u[i] + (value - u[i]) * decay[i]
-        y[i] = value
-    return y
 
 
 def sign_means(v: Array, band: float) -> Array:

@@ -11,11 +11,11 @@ from forefeel.common.causes.candidate import (
     Found,
     Periodic,
     PositionWave,
-    Shape,
     Values,
     entry,
     log_grid,
 )
+from forefeel.common.causes.motion import Kinematics, Motion, Value
 from forefeel.common.causes.numerics import Array
 
 
@@ -46,28 +46,19 @@ class PeriodicForce(ForceEffect):
         self._phase2 = values["second_harmonic_phase_rad"]
         self._phase3 = values["third_harmonic_phase_rad"]
 
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
         """(sin p + r2 sin(2p + q2) + r3 sin(3p + q3),)."""
-        p = self._omega * t + self._phase
-        wave = sin(p)
+        p = self._omega * m.t + self._phase
+        wave = m.sin(p)
         if self._ratio2:
-            wave += self._ratio2 * sin(2.0 * p + self._phase2)
+            wave = wave + self._ratio2 * m.sin(2.0 * p + self._phase2)
         if self._ratio3:
-            wave += self._ratio3 * sin(3.0 * p + self._phase3)
+            wave = wave + self._ratio3 * m.sin(3.0 * p + self._phase3)
         return (wave,)
 
-    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        p = self._omega * t + self._phase
-        wave = np.sin(p)
-        if self._ratio2:
-            wave += self._ratio2 * np.sin(2.0 * p + self._phase2)
-        if self._ratio3:
-            wave += self._ratio3 * np.sin(3.0 * p + self._phase3)
-        return wave[:, None]
-
-    def span(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
+    def span(self, motion: Motion) -> Array:
         """Sine and cosine of each harmonic at phase 0, shape (n, 6)."""
-        return np.stack(_sines(self._omega * t)).T
+        return np.stack(_sines(self._omega * motion.t)).T
 
     def from_span(self, coefficients: Sequence[float]) -> dict[str, float]:
         """Amplitude, ratios and phases from sines and cosines; the fundamental must not vanish for ratios."""
@@ -95,25 +86,18 @@ def _sines(p: Array) -> tuple[Array, ...]:
     return s, c, twice, square, s * (2.0 * square + 1.0), c * (2.0 * square - 1.0)
 
 
-def _sines_and_cosines(t: Array, shape: Shape) -> Array:
-    """sin of a frequency and its two harmonics, then cos, shape (n, 6)."""
-    phase = 2.0 * np.pi * shape[0] * t[:, None] * np.arange(1, 4)
-    return np.hstack([np.sin(phase), np.cos(phase)])
-
-
 def _strongest(found: Found) -> Values:
-    c = found.coefficients
-    sizes = [hypot(sine, cosine) for sine, cosine in zip(c[:3], c[3:], strict=True)]
-    return {"frequency_hz": found.shape[0], "amplitude_n": max(sizes)}
+    sizes = np.hypot(*np.reshape(found.coefficients, (3, 2)).T)
+    return {"frequency_hz": found.shape[0], "amplitude_n": float(np.max(sizes))}
 
 
 def _wave(found: Found) -> list[Entry]:
     """With phases by the stamp."""
-    (frequency_hz,), c = found.shape, found.coefficients
-    wave = c[:3] + 1j * c[3:]  # sin + i cos: amplitude times exp(i phase) of a sine
+    (frequency_hz,), pairs = found.shape, np.reshape(found.coefficients, (3, 2))
+    wave = pairs[:, 0] + 1j * pairs[:, 1]  # sin + i cos: amplitude times exp(i phase) of a sine
     wave = wave * np.exp(-2j * np.pi * frequency_hz * found.start_s * np.arange(1, 4))
-    pairs = np.column_stack([wave.real, wave.imag]).ravel().tolist()
-    return [entry(Pulsation, Pulsation(frequency_hz=frequency_hz).from_span(pairs))]
+    turned = np.column_stack([wave.real, wave.imag]).ravel().tolist()
+    return [entry(Pulsation, Pulsation(frequency_hz=frequency_hz).from_span(turned))]
 
 
 class Pulsation(PeriodicForce):
@@ -131,9 +115,7 @@ class Pulsation(PeriodicForce):
     words = "a periodic force of its own, such as heart beat or breath"
     equation = ("{amplitude_n} sin(2 pi {frequency_hz} t) and harmonics",)
     candidates = (
-        Periodic(
-            signs=(0,) * 6, columns=_sines_and_cosines, naming=_strongest, making=_wave, picture="period"
-        ),
+        Periodic(shapes=("frequency_hz",), signs=(0,) * 6, naming=_strongest, making=_wave, picture="period"),
     )
 
 
@@ -149,15 +131,6 @@ class MainsHum(PeriodicForce):
     remedy = "check shield and earth of the load cell's cable"
 
 
-def two_harmonics(x: Array, period_m: float) -> list[Array]:
-    """sin p, cos p, sin 2p, cos 2p of p = 2 pi x / period_m."""
-    phase = (2.0 * np.pi / period_m) * x
-    return [np.sin(phase), np.cos(phase), np.sin(2.0 * phase), np.cos(2.0 * phase)]
-
-
-_NAMES = "sine_n", "cosine_n", "second_sine_n", "second_cosine_n"
-
-
 class PositionMap(ForceEffect):
     """`f = sum over j = 1, 2 of A_j sin(j p) + B_j cos(j p)`, p = 2 pi x / period_m.
 
@@ -168,7 +141,10 @@ class PositionMap(ForceEffect):
     name = "position_map"
     site = "shaft"
     parameters = (
-        *(Parameter(name, "N", 0.0, -1e4, 1e4) for name in _NAMES),
+        *(
+            Parameter(name, "N", 0.0, -1e4, 1e4)
+            for name in ("sine_n", "cosine_n", "second_sine_n", "second_cosine_n")
+        ),
         Parameter("period_m", "m", 0.01, 1e-9, 1e6, linear=False),
     )
     reference = "Fourier series; gravity of a joint: Armstrong, Khatib and Burdick, ICRA 1986"
@@ -180,15 +156,13 @@ class PositionMap(ForceEffect):
     )
     candidates = (
         PositionWave(
-            coefficients=_NAMES, shapes=("period_m",), signs=(0,) * 4, costly=True, picture="position",
-            columns=lambda motion, shape: two_harmonics(motion.x, *shape),
+            shapes=("period_m",), costly=True, picture="position",
             grid=lambda extent: log_grid(extent.range_m / 20.0, extent.range_m / 3.0, 4),
             least_score=30.0,  # of hundreds of periods the best of pure noise gains up to half of that
         ),
     )  # fmt: skip
 
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        return tuple(float(each) for each in two_harmonics(np.asarray(x), self.values["period_m"]))
-
-    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        return np.stack(two_harmonics(x, self.values["period_m"])).T
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        """sin p, cos p, sin 2p, cos 2p."""
+        p = (2.0 * pi / self.values["period_m"]) * m.x
+        return m.sin(p), m.cos(p), m.sin(2.0 * p), m.cos(2.0 * p)

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import pairwise
 from math import prod
 from operator import mul
@@ -17,7 +18,8 @@ from forefeel.common.causes.base import (
     SensorEffect,
     Site,
 )
-from forefeel.common.causes.numerics import Array, intervals_s
+from forefeel.common.causes.motion import Motion, MotionSample
+from forefeel.common.causes.numerics import Array
 
 SITES: tuple[Site, ...] = "sensor", "shaft", "wall"
 """In the order of a runtime's regressors."""
@@ -26,27 +28,21 @@ SITES: tuple[Site, ...] = "sensor", "shaft", "wall"
 class WallMotion:
     """An instrument's motion as the effects of the wall see it: in contact only, and each contact by itself.
 
-    Args:
-        contact: what decides on contact; without it the wall is touched throughout.
-        t, x, v, a, dt: as of `ForceEffect.columns`.
+    Without a `contact`, which decides on it, the wall is touched throughout.
     """
 
-    def __init__(
-        self, contact: ContactEffect | None, t: Array, x: Array, v: Array, a: Array, dt: Array
-    ) -> None:
-        depth = x if contact is None else contact.penetrations_m(x, v)
-        touching = np.ones(len(t), dtype=bool) if contact is None else ~np.isnan(depth)
+    def __init__(self, contact: ContactEffect | None, motion: Motion) -> None:
+        depth, touching = (motion.x, np.ones(len(motion.t))) if contact is None else contact.contact(motion)
         self._rows = np.flatnonzero(touching)
-        self._motion = [each[self._rows] for each in (t, depth, v, a, dt)]
         starts = np.flatnonzero(np.diff(self._rows, prepend=-2) > 1).tolist()
-        self._contacts = [slice(*ends) for ends in pairwise([*starts, len(self._rows)])]
-        self._n = len(t)
+        contacts = tuple(slice(*ends) for ends in pairwise([*starts, len(self._rows)]))
+        self._motion = replace(replace(motion, x=depth)[self._rows], pieces=contacts or (slice(None),))
+        self._n = len(motion.t)
 
     def columns(self, effect: ForceEffect) -> Array:
-        """Those of an effect, 0 without contact; shape (n, its linear parameters)."""
+        """Columns of an effect, 0 without contact; shape (n, its linear parameters)."""
         columns = np.zeros((self._n, len(effect.linear_names)))
-        for part in self._contacts if effect.remembers else [slice(None)]:
-            columns[self._rows[part]] = effect.columns(*(each[part] for each in self._motion))
+        columns[self._rows] = effect.columns(self._motion)
         return columns
 
 
@@ -79,16 +75,17 @@ class ContactRuntime:
     def __init__(self, effects: Sequence[tuple[Effect, Site | None]]) -> None:
         self._effects = [effect for effect, _ in effects]
         self._sensors = [effect for effect in self._effects if isinstance(effect, SensorEffect)]
-        self._senses = [effect.sense for effect in self._sensors]
+        self._readings = [effect.reading for effect in self._sensors]
         self._motions = [effect for effect in self._effects if isinstance(effect, MotionEffect)]
-        self._transforms = [effect.transform for effect in self._motions]
+        self._moved = [effect.moved for effect in self._motions]
         self._factors = [effect for effect in self._effects if isinstance(effect, FactorEffect)]
         contacts = [effect for effect in self._effects if isinstance(effect, ContactEffect)]
         if len(contacts) > 1:
             raise ValueError(f"effects: {len(contacts)} contact effects, expected at most one")
         self._contact = contacts[0] if contacts else None
-        self._penetration_m = self._contact.penetration_m if self._contact else None
+        self._in_contact = self._contact.contact if self._contact else None
         self._touching = False
+        self._sample = MotionSample(0.0, 0.0, 0.0, 0.0, 0.0)
         self.instrument_m = 0.0
         self._compose_forces(effects)
 
@@ -121,48 +118,55 @@ class ContactRuntime:
         Call this or `step`, once per step.
         """
         phi: list[float] = []
+        m = self._sample
+        m.t, m.x, m.v, m.a, m.dt = t, x, v, a, dt
         for compute in self._at_sensor:
-            phi += compute(t, x, v, a, dt)
-        for transform in self._transforms:
-            x, v, a = transform(t, x, v, a, dt)
-        self.instrument_m = x
+            phi += compute(m)
+        for moved in self._moved:
+            m = moved(m)
+        self.instrument_m = m.x
         own = len(phi)
         for compute in self._at_shaft:
-            phi += compute(t, x, v, a, dt)
-        depth = x if self._penetration_m is None else self._penetration_m(x, v)
-        if depth is None:
+            phi += compute(m)
+        x = m.x
+        depth, touching = (x, 1.0) if self._in_contact is None else self._in_contact(m)
+        if not touching:
             self._lose_contact()
             phi += self._no_wall
         else:
             self._touching = True
+            m.x = depth
             for compute in self._at_wall:
-                phi += compute(t, depth, v, a, dt)
+                phi += compute(m)
+            m.x = x
         if self._factors:
             force_n = sum(map(mul, self.linear_values[own:], phi[own:]))
-            factor = prod(effect.factor(x, v, force_n) for effect in self._factors)
+            factor = prod(effect.factor(m, force_n) for effect in self._factors)
             phi[own:] = [factor * each for each in phi[own:]]
         return phi
 
     def regressors_unheld(self, t: float, x: float, v: float, a: float, dt: float) -> list[float]:
         """As `regressors` while the fixture does not hold the instrument: only the sensor's own act."""
         phi: list[float] = []
+        m = self._sample
+        m.t, m.x, m.v, m.a, m.dt = t, x, v, a, dt
         for compute in self._at_sensor:
-            phi += compute(t, x, v, a, dt)
+            phi += compute(m)
         phi += self._unheld
         return phi
 
     def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
         """The force in N, as sensed, after advancing every effect by dt to time t; see `regressors`."""
         force_n: float = sum(map(mul, self.linear_values, self.regressors(t, x, v, a, dt)))
-        for sense in self._senses:
-            force_n = sense(t, force_n, dt)
+        for reading in self._readings:
+            force_n = reading(self._sample, force_n)
         return force_n
 
     def step_unheld(self, t: float, x: float, v: float, a: float, dt: float) -> float:
         """As `step` while the fixture does not hold the instrument."""
         force_n: float = sum(map(mul, self.linear_values, self.regressors_unheld(t, x, v, a, dt)))
-        for sense in self._senses:
-            force_n = sense(t, force_n, dt)
+        for reading in self._readings:
+            force_n = reading(self._sample, force_n)
         return force_n
 
     def columns(self, t: Array, x: Array, v: Array, a: Array, *, sensed: bool = False) -> Array:
@@ -170,29 +174,27 @@ class ContactRuntime:
 
         `sensed`: as the linear ones of the sensor effects, such as a lag, pass each of them on.
         """
-        dt = intervals_s(t)
-        blocks = [np.empty((len(t), 0)), *(e.columns(t, x, v, a, dt) for e in self._sensor)]
-        for motion in self._motions:
-            x, v, a = motion.path(t, x, v, a, dt)
-        acting = [effect.columns(t, x, v, a, dt) for effect in self._shaft]
-        wall = WallMotion(self._contact, t, x, v, a, dt)
-        acting += [wall.columns(effect) for effect in self._wall]
+        stage = m = Motion.of(t, x, v, a)
+        for moved in self._moved:
+            m = moved(m)
+        wall = WallMotion(self._contact, m)
+        acting = [*(effect.columns(m) for effect in self._shaft), *(wall.columns(e) for e in self._wall)]
         own = np.concatenate([np.empty((len(t), 0)), *acting], axis=1)
         if self._factors:
             force_n = own @ np.array(self.linear_values[len(self.linear_values) - own.shape[1] :])
-            own = own * np.prod([each.factors(x, v, force_n) for each in self._factors], axis=0)[:, None]
-        phi = np.concatenate([*blocks, own], axis=1)
+            own = own * np.prod([effect.factor(m, force_n) for effect in self._factors], axis=0)[:, None]
+        phi = np.concatenate([*(effect.columns(stage) for effect in self._sensor), own], axis=1)
         for sensor in self._sensors if sensed else ():
             if sensor.linear:
-                phi = np.stack([sensor.readings(t, column, dt) for column in phi.T], axis=1)
+                phi = np.stack([sensor.reading(stage, column) for column in phi.T], axis=1)
         return phi
 
     def forces_n(self, t: Array, x: Array, v: Array, a: Array) -> Array:
         """`step` at every stamp of a recording, from rest at the first; shape (n,)."""
         force_n = np.asarray(self.columns(t, x, v, a) @ np.array(self.linear_values))
-        dt = intervals_s(t)
-        for sensor in self._sensors:
-            force_n = sensor.readings(t, force_n, dt)
+        motion = Motion.of(t, x, v, a)
+        for reading in self._readings:
+            force_n = reading(motion, force_n)
         return force_n
 
     def revalue(self, values: Sequence[Mapping[str, float]]) -> None:

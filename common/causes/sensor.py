@@ -1,6 +1,5 @@
 """Load cell and its chain: bias, drift, lag, delay, rounding, range, outliers."""
 
-from collections import deque
 from math import floor
 
 import numpy as np
@@ -14,7 +13,7 @@ from forefeel.common.causes.candidate import (
     entry,
     log_grid,
 )
-from forefeel.common.causes.numerics import Array, FirstOrderLag, lagged
+from forefeel.common.causes.motion import Delay, Kinematics, SettledLag, Value
 
 
 class Bias(ForceEffect):
@@ -29,17 +28,11 @@ class Bias(ForceEffect):
     remedy = "tare the load cell at no load"
     equation = ("{force_n}",)
     candidates = (
-        ReadingColumns(
-            coefficients=("force_n",), signs=(0,), columns=lambda t, _: np.ones((len(t), 1)), least_score=4.0,
-            least_ratio=1.0,
-        ),
+        ReadingColumns(coefficients=("force_n",), signs=(0,), least_score=4.0, least_ratio=1.0),
     )  # fmt: skip
 
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
         return (1.0,)
-
-    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        return np.ones((len(t), 1))
 
 
 def _from_start(found: Found) -> list[Entry]:
@@ -61,22 +54,17 @@ class SensorDrift(ForceEffect):
     remedy = "let the load cell warm up, and tare it at no load before each run"
     equation = ("{rate_n_s} t",)
     candidates = (
+        ReadingColumns(coefficients=("rate_n_s",), signs=(0,), making=_from_start),
         ReadingColumns(
-            coefficients=("rate_n_s",), signs=(0,), columns=lambda t, _: t[:, None], making=_from_start
-        ),
-        ReadingColumns(
-            form="creep", signs=(0,), columns=lambda t, shape: (1.0 - np.exp(-t / shape[0]))[:, None],
+            form="creep", signs=(0,), over_time=lambda t, shape: (1.0 - np.exp(-t / shape[0]))[:, None],
             grid=lambda extent: log_grid(0.1 * extent.duration_s, 0.7 * extent.duration_s, 5),
             naming=lambda of: {"rate_n_s": of.coefficients[0] / of.shape[0], "settling_s": of.shape[0]},
             sizes=("rate_n_s",), making=_from_start,
         ),
     )  # fmt: skip
 
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        return (t,)
-
-    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        return t[:, None].copy()
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        return (m.t,)
 
 
 class SensorLag(SensorEffect):
@@ -101,17 +89,10 @@ class SensorLag(SensorEffect):
         ),
     )  # fmt: skip
 
-    def reset(self) -> None:
-        self._lag = FirstOrderLag(self.values["time_constant_s"])
-        self._settled = False
+    lag = SettledLag()
 
-    def sense(self, t: float, force_n: float, dt: float) -> float:
-        if not self._settled:
-            self._lag.value, self._settled = force_n, True
-        return self._lag.advance(force_n, dt)
-
-    def readings(self, t: Array, force_n: Array, dt: Array) -> Array:
-        return lagged(force_n, dt, self.values["time_constant_s"], float(force_n[0]) if len(force_n) else 0.0)
+    def reading(self, m: Kinematics, force_n: Value) -> Value:
+        return m.through(self.lag, force_n, m.exp(-m.dt / self.values["time_constant_s"]))
 
 
 class TimeDelay(SensorEffect):
@@ -133,22 +114,10 @@ class TimeDelay(SensorEffect):
         ),
     )  # fmt: skip
 
-    def reset(self) -> None:
-        self._past: deque[tuple[float, float]] = deque()
+    delay = Delay()
 
-    def sense(self, t: float, force_n: float, dt: float) -> float:
-        past, then = self._past, t - self.values["delay_s"]
-        past.append((t, force_n))
-        while len(past) > 1 and past[1][0] <= then:
-            past.popleft()
-        start, before_n = past[0]
-        if then <= start or len(past) == 1:
-            return before_n
-        end, after_n = past[1]
-        return before_n + (after_n - before_n) * (then - start) / (end - start)
-
-    def readings(self, t: Array, force_n: Array, dt: Array) -> Array:
-        return np.interp(t - self.values["delay_s"], t, force_n) if len(t) else force_n
+    def reading(self, m: Kinematics, force_n: Value) -> Value:
+        return m.through(self.delay, force_n, m.t, self.values["delay_s"])
 
 
 class SensorQuantisation(SensorEffect):
@@ -161,11 +130,8 @@ class SensorQuantisation(SensorEffect):
     words = "coarse steps of the load cell"
     remedy = "use more of the range of the converter, or a load cell of a smaller range"
 
-    def sense(self, t: float, force_n: float, dt: float) -> float:
-        return round(force_n / self.values["step_n"]) * self.values["step_n"]
-
-    def readings(self, t: Array, force_n: Array, dt: Array) -> Array:
-        return np.rint(force_n / self.values["step_n"]) * self.values["step_n"]
+    def reading(self, m: Kinematics, force_n: Value) -> Value:
+        return m.rint(force_n / self.values["step_n"]) * self.values["step_n"]
 
 
 class SensorSaturation(SensorEffect):
@@ -178,11 +144,8 @@ class SensorSaturation(SensorEffect):
     words = "the end of the load cell's range"
     remedy = "use a load cell of a larger range, or limit the force"
 
-    def sense(self, t: float, force_n: float, dt: float) -> float:
-        return max(-self.values["limit_n"], min(self.values["limit_n"], force_n))
-
-    def readings(self, t: Array, force_n: Array, dt: Array) -> Array:
-        return np.clip(force_n, -self.values["limit_n"], self.values["limit_n"])
+    def reading(self, m: Kinematics, force_n: Value) -> Value:
+        return m.clip(force_n, -self.values["limit_n"], self.values["limit_n"])
 
 
 _SLOTS = 10
@@ -219,17 +182,20 @@ class SensorSpikes(SensorEffect):
         self._slot = 0
         self._spike = self._in_slot(0)
 
-    def sense(self, t: float, force_n: float, dt: float) -> float:
+    def reading(self, m: Kinematics, force_n: Value) -> Value:
+        return force_n + m.elementwise(self._spike_n, m.t, m.dt)
+
+    def _spike_n(self, t: float, dt: float) -> float:
         if self._slots_hz == 0.0:
-            return force_n
+            return 0.0
         since = t - min(max(dt, self._duration_s), _LONGEST_S)
         first = floor(since * self._slots_hz)
         for slot in range(floor(t * self._slots_hz), first - 1, -1):
             if slot != self._slot:
                 self._slot, self._spike = slot, self._in_slot(slot)
             if self._spike is not None and since < self._spike[0] <= t:
-                return force_n + self._spike[1]
-        return force_n
+                return self._spike[1]
+        return 0.0
 
     def _in_slot(self, slot: int) -> tuple[float, float] | None:
         """(instant s, size N) of the spike in a slot, if it holds one."""

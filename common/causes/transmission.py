@@ -1,9 +1,8 @@
 """Play between stage and instrument, with the mass on either side."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import product
-from math import exp
+from math import nan
 from typing import ClassVar
 
 import numpy as np
@@ -14,23 +13,14 @@ from forefeel.common.causes.candidate import (
     Entry,
     Extent,
     Found,
-    MotionGrid,
     Shape,
     Transmission,
     Values,
     entry,
     log_grid,
 )
-from forefeel.common.causes.numerics import Array, intervals_s, lazy_kernel
+from forefeel.common.causes.motion import Gap, Kinematics
 from forefeel.common.causes.wall import MassDamperSpring
-
-
-def behind(motion: MotionGrid, effect: MotionEffect) -> MotionGrid:
-    """The instrument's motion behind an effect, which begins anew in each piece."""
-    m, pieces = motion, motion.pieces
-    parts = [effect.path(m.t[p], m.x[p], m.v[p], m.a[p], intervals_s(m.t[p])) for p in pieces]
-    x, v, a = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return replace(motion, x=x, v=v, a=a)
 
 
 def widths(extent: Extent) -> list[Shape]:
@@ -52,51 +42,16 @@ class Backlash(MotionEffect):
     remedy = "tighten what clamps the instrument to the stage"
     equation: ClassVar[tuple[str, ...]] = ("x behind a play of {width_m} m",)
     candidates: ClassVar[Sequence[Candidate]] = (
-        Transmission(
-            shapes=("width_m",), moved=lambda motion, shape: behind(motion, Backlash(width_m=shape[0])),
-            grid=widths, sizes=("width_m",), picture="reversal",
-        ),
-    )  # fmt: skip
+        Transmission(shapes=("width_m",), grid=widths, sizes=("width_m",), picture="reversal"),
+    )
+    gap = Gap()
 
-    def _configure(self) -> None:
-        self._half = 0.5 * self.values["width_m"]
-
-    def reset(self) -> None:
-        """Forgets where in the gap the stage stands."""
-        self._y: float | None = None
-
-    def transform(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, float, float]:
-        """The instrument's motion: the stage's own while it pushes or pulls, rest inside the gap."""
-        y = x if self._y is None else self._y
-        if x - self._half > y:
-            y = x - self._half
-        elif x + self._half < y:
-            y = x + self._half
-        elif self._half > 0.0:
-            v = a = 0.0
-        self._y = y
-        return y, v, a
-
-    def path(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> tuple[Array, Array, Array]:
-        if self._half == 0.0:
-            return x, v, a
-        y, carried = _play(x, self._half)
-        return y, v * carried, a * carried
-
-
-@lazy_kernel
-def _play(x: Array, half: float) -> tuple[Array, Array]:
-    y, carried = np.empty_like(x), np.zeros_like(x)
-    value = x[0] if len(x) else 0.0
-    for i in range(len(x)):
-        if x[i] - half > value:
-            value = x[i] - half
-            carried[i] = 1.0
-        elif x[i] + half < value:
-            value = x[i] + half
-            carried[i] = 1.0
-        y[i] = value
-    return y, carried
+    def moved(self, m: Kinematics) -> Kinematics:
+        """The stage's own motion while it pushes or pulls, rest inside the gap."""
+        if self.values["width_m"] == 0.0:
+            return m
+        y, carried = m.through(self.gap, m.x, 0.5 * self.values["width_m"], nan, 1.0)
+        return m.along(y, m.v * carried, m.a * carried)
 
 
 HELD_S = 1e9
@@ -104,12 +59,6 @@ HELD_S = 1e9
 _SHARES = 0.02, 0.06, 0.2  # of the stroke: widths that are tried first; chosen
 _RESTS = tuple(np.linspace(0.1, 0.9, 7).tolist())  # of the range of positions; chosen
 _SETTLINGS_S = 0.03, 0.2  # s, damping over stiffness of tissue and vessels; chosen
-
-
-def _loose(motion: MotionGrid, shape: Shape) -> MotionGrid:
-    width_m, rest_m, settling_s = shape
-    effect = Play(width_m=max(width_m, 0.0), rest_position_m=rest_m, settling_s=max(settling_s, 0.0))
-    return behind(motion, effect)
 
 
 def _loose_shapes(extent: Extent) -> list[Shape]:
@@ -159,52 +108,21 @@ class Play(Backlash):
     )
     candidates = (
         Transmission(
-            shapes=("width_m",), moved=lambda motion, shape: behind(motion, Play(width_m=shape[0])),
-            grid=widths, sizes=("width_m",), mass_site="sensor", picture="reversal",
+            shapes=("width_m",), grid=widths, sizes=("width_m",), mass_site="sensor", picture="reversal",
         ),
         Transmission(
             form="loose", shapes=("width_m", "rest_position_m", "settling_s"), sizes=("width_m",),
-            coefficients=("behind_kg",), signs=(1,), moved=_loose, grid=_loose_shapes, logarithmic=False,
+            coefficients=("behind_kg",), signs=(1,), grid=_loose_shapes, logarithmic=False,
             mass_site="sensor", naming=_named, making=_with_mass_behind, costly=True, picture="position",
         ),
     )  # fmt: skip
 
-    def _configure(self) -> None:
-        super()._configure()
-        self._rest, self._settling_s = self.values["rest_position_m"], self.values["settling_s"]
-
-    def transform(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, float, float]:
-        """The instrument's motion: the stage's own while it pushes or pulls, towards rest inside the gap."""
-        if self._settling_s >= HELD_S or self._half == 0.0:
-            return super().transform(t, x, v, a, dt)
-        low, high = x - self._half, x + self._half
-        if self._y is None:
-            self._y = min(max(self._rest, low), high)
-        away = (self._y - self._rest) * (exp(-dt / self._settling_s) if self._settling_s > 0.0 else 0.0)
-        free = self._rest + away
-        self._y = min(max(free, low), high)
-        if self._y != free:
-            return self._y, v, a
-        rate = away / self._settling_s if away else 0.0
-        return self._y, -rate, rate / self._settling_s if away else 0.0
-
-    def path(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> tuple[Array, Array, Array]:
-        if self._settling_s >= HELD_S or self._half == 0.0:
-            return super().path(t, x, v, a, dt)
-        decay = np.exp(-dt / self._settling_s) if self._settling_s > 0.0 else np.zeros_like(dt)
-        y, carried = _loose_play(x, self._half, self._rest, decay)
-        rate = (y - self._rest) / self._settling_s if self._settling_s > 0.0 else np.zeros_like(y)
-        jerk = rate / self._settling_s if self._settling_s > 0.0 else np.zeros_like(y)
-        return y, np.where(carried > 0.0, v, -rate), np.where(carried > 0.0, a, jerk)
-
-
-@lazy_kernel
-def _loose_play(x: Array, half: float, rest: float, decay: Array) -> tuple[Array, Array]:
-    y, carried = np.empty_like(x), np.zeros_like(x)
-    value = min(max(rest, x[0] - half), x[0] + half) if len(x) else rest
-    for i in range(len(x)):
-        free = rest + (value - rest) * decay[i]
-        value = min(max(free, x[i] - half), x[i] + half)
-        carried[i] = 0.0 if value == free else 1.0
-        y[i] = value
-    return y, carried
+    def moved(self, m: Kinematics) -> Kinematics:
+        """The stage's own motion while it pushes or pulls, towards rest inside the gap."""
+        width_m, rest_m, settling_s = (self.values[p.name] for p in self.parameters)
+        if settling_s >= HELD_S or width_m == 0.0:
+            return super().moved(m)
+        least_s = max(settling_s, 1e-12)
+        y, carried = m.through(self.gap, m.x, 0.5 * width_m, rest_m, m.exp(-m.dt / least_s))
+        rate = (1.0 - carried) * (y - rest_m) / least_s if settling_s > 0.0 else 0.0 * y
+        return m.along(y, carried * m.v - rate, carried * m.a + rate / least_s)

@@ -1,6 +1,6 @@
 """A second mode: a flexible instrument, clamp or fixture that swings on its own."""
 
-from math import cos, exp, pi, sin, sqrt
+from math import pi, sqrt
 
 import numpy as np
 
@@ -16,7 +16,8 @@ from forefeel.common.causes.candidate import (
     entry,
     log_grid,
 )
-from forefeel.common.causes.numerics import Array, lazy_kernel
+from forefeel.common.causes.motion import Kinematics, Oscillator, Value
+from forefeel.common.causes.numerics import Array
 
 _SHAPES = ("frequency_hz", "damping_ratio")
 
@@ -98,49 +99,11 @@ class UnmodelledResonance(ForceEffect):
         ),
     )  # fmt: skip
 
-    def _configure(self) -> None:
-        self._omega, ratio = 2.0 * pi * self.values["frequency_hz"], self.values["damping_ratio"]
-        self._decay, self._swing = self._omega * ratio, self._omega * sqrt(1.0 - ratio * ratio)
-        self._dt = 0.0
-        self._zz, self._zw, self._wz, self._ww = 1.0, 0.0, 0.0, 1.0
+    oscillator = Oscillator()
 
-    def reset(self) -> None:
-        self._z = self._w = 0.0
-
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
         """(z in m, z' in m/s)."""
-        if dt != self._dt:
-            self._dt = dt
-            self._transition(exp(-self._decay * dt), cos(self._swing * dt), sin(self._swing * dt))
-        rest = a / (self._omega * self._omega)
-        z, w = self._z - rest, self._w
-        self._z = rest + self._zz * z + self._zw * w
-        self._w = self._wz * z + self._ww * w
-        return (self._z, self._w)
-
-    def _transition(self, e: float, c: float, s: float) -> None:
-        """The matrix exponential over one step."""
-        s /= self._swing
-        self._zz, self._zw = e * (c + self._decay * s), e * s
-        self._wz, self._ww = -e * self._omega * self._omega * s, e * (c - self._decay * s)
-
-    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        e, swing = np.exp(-self._decay * dt), self._swing * dt
-        return _swinging(
-            a, e * np.cos(swing), e * np.sin(swing) / self._swing, self._decay, self._omega * self._omega
-        ).T
-
-
-@lazy_kernel
-def _swinging(a: Array, ec: Array, es: Array, decay: float, square: float) -> Array:
-    found = np.empty((2, len(a)))
-    z = w = 0.0
-    for i in range(len(a)):
-        rest = a[i] / square
-        y = z - rest
-        cosine, sine = ec[i], es[i]
-        z = rest + (cosine + decay * sine) * y + sine * w
-        w = (cosine - decay * sine) * w - square * sine * y
-        found[0, i] = z
-        found[1, i] = w
-    return found
+        w, ratio = 2.0 * pi * self.values["frequency_hz"], self.values["damping_ratio"]
+        swing, e = w * sqrt(1.0 - ratio * ratio), m.exp(-w * ratio * m.dt)
+        ec, es = e * m.cos(swing * m.dt), e * m.sin(swing * m.dt) / swing
+        return tuple(m.through(self.oscillator, m.a, ec, es, w * ratio, w * w))

@@ -1,17 +1,13 @@
 """What is touched: mass, damper and spring, stiffening, relaxation, a change of stiffness, lost contact."""
 
-from dataclasses import replace
-from math import expm1
-
 import numpy as np
 
 from forefeel.common.causes.base import ContactEffect, ForceEffect, Parameter
 from forefeel.common.causes.candidate import (
     Entry,
     Extent,
-    ForceColumns,
+    Form,
     Found,
-    MotionGrid,
     Shape,
     Transmission,
     Values,
@@ -19,7 +15,8 @@ from forefeel.common.causes.candidate import (
     log_grid,
     two,
 )
-from forefeel.common.causes.numerics import Array, FirstOrderLag, lagged, share_above
+from forefeel.common.causes.motion import Kinematics, Lag, MotionGrid, Value
+from forefeel.common.causes.numerics import Array
 
 
 class MassDamperSpring(ForceEffect):
@@ -38,20 +35,12 @@ class MassDamperSpring(ForceEffect):
     )
     fingerprint = "proportional to acceleration, velocity or position: ellipses without jumps or memory"
 
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        return (a, v, x)
-
-    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        return np.stack((a, v, x)).T
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        return m.a, m.v, m.x
 
 
 _MOST = 50.0
 """Lengths beyond which the force stays: far outside of any tissue, and of no overflow."""
-
-
-def _exponential(depth: Array) -> Array:
-    u = np.clip(depth, -_MOST, _MOST)
-    return np.asarray(np.expm1(u) - u)
 
 
 class ExponentialWall(ForceEffect):
@@ -71,13 +60,9 @@ class ExponentialWall(ForceEffect):
     reference = "Fung, Elasticity of soft tissues in simple elongation, Am. J. Physiol. 213, 1967"
     fingerprint = "a curve over position that steepens without end, the same on the way in and out"
 
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        """(exp(x / L) - 1 - x / L,)."""
-        depth = max(min(x / self.values["length_m"], _MOST), -_MOST)
-        return (expm1(depth) - depth,)
-
-    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        return _exponential(x / self.values["length_m"])[:, None]
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        u = m.clip(m.x / self.values["length_m"], -_MOST, _MOST)
+        return (m.expm1(u) - u,)
 
 
 def _series(found: Found) -> Values:
@@ -106,44 +91,24 @@ class Stiffening(ForceEffect):
         "{exponential_n} (exp(x/{length_m}) - 1)",
     )
     candidates = (
-        ForceColumns(
-            coefficients=("quadratic_n_m2", "cubic_n_m3"), signs=(0, 0),
-            columns=lambda motion, _: [motion.x**2, motion.x**3], at_wall=True, picture="position",
-        ),
-        ForceColumns(
-            form="exponential", signs=(1,), at_wall=True, naming=_series,
-            columns=lambda m, shape: [_exponential(m.x / shape[0])],
+        Form(picture="position"),
+        Form(
+            form="exponential", kind=ExponentialWall, shapes=("length_m",), naming=_series,
             grid=lambda extent: log_grid(0.12 * extent.reach_m, 1.5 * extent.reach_m, 6),
             sizes=("exponential_n",), picture="position",
-            making=lambda found: [entry(ExponentialWall, _series(found))],
         ),
     )  # fmt: skip
 
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        square = x * x
-        return (square, square * x)
-
-    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        square = x * x
-        return np.stack((square, square * x)).T
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        square = m.x * m.x
+        return square, square * m.x
 
 
-def _branch(motion: MotionGrid, shape: Shape) -> list[Array]:
-    """`q' = v - q / tau` from rest, by the increments of the position; and what an earlier stroke left,
-    exp(-t/tau).
-    """
-    from scipy.signal import lfilter  # noqa: PLC0415 - a daemon starts without it
-
-    q = np.empty_like(motion.x)
-    for piece in motion.pieces:
-        x = motion.x[piece]
-        dt = float(motion.t[piece][1] - motion.t[piece][0])
-        decay = np.exp(-dt / shape[0])
-        gain = shape[0] / dt * (1.0 - decay)
-        q[piece] = lfilter([gain], [1.0, -decay], np.diff(x, prepend=x[:1]))
-    first = np.zeros_like(q)
+def _earlier(motion: MotionGrid, shape: Shape) -> list[Array]:
+    """What an earlier stroke left, exp(-t/tau)."""
+    first = np.zeros_like(motion.x)
     first[motion.pieces[0]] = np.exp(-motion.t[motion.pieces[0]] / shape[0])
-    return [q, first]
+    return [first]
 
 
 def _times(extent: Extent, count: int = 10) -> list[Shape]:
@@ -186,44 +151,26 @@ class StressRelaxation(ForceEffect):
     words = "a force that fades while the instrument is held"
     equation = ("{stiffness_n_m} z; z' = x' - z/{time_constant_s}",)
     candidates = (
-        ForceColumns(
-            coefficients=("stiffness_n_m",), shapes=("time_constant_s",), signs=(1, 0), columns=_branch,
-            grid=_times, at_wall=True,
-        ),
-        ForceColumns(
-            form="two", signs=(1, 0, 1, 0), grid=lambda extent: two(_times(extent, 6)), at_wall=True,
-            columns=lambda motion, shape: _branch(motion, shape[:1]) + _branch(motion, shape[1:]),
-            naming=_both, sizes=("stiffness_n_m",), making=_each,
+        Form(shapes=("time_constant_s",), signs=(1, 0), beside=_earlier, grid=_times),
+        Form(
+            form="two", elements=2, values=lambda shape: {"time_constant_s": shape[0]}, signs=(1, 0, 1, 0),
+            beside=_earlier, grid=lambda extent: two(_times(extent, 6)), naming=_both,
+            sizes=("stiffness_n_m",), making=_each,
         ),
     )  # fmt: skip
+    lag = Lag()
 
-    def _configure(self) -> None:
-        self._tau = self.values["time_constant_s"]
-
-    def revalue(self, **values: float) -> None:
-        elongation_m = self._elongation.value
-        super().revalue(**values)
-        self.reset()
-        self._elongation.value = elongation_m
-
-    def reset(self) -> None:
-        self._elongation = FirstOrderLag(self._tau)
-
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        """(elongation of the branch's spring in m,)."""
-        return (self._elongation.advance(self._tau * v, dt),)
-
-    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        return lagged(self._tau * v, dt, self._tau)[:, None]
-
-
-def _later_about_rest(motion: MotionGrid, shape: Shape) -> list[Array]:
-    after = np.asarray(motion.t > shape[0], dtype=np.float64)
-    return [motion.x * after, after]
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        tau = self.values["time_constant_s"]
+        return (m.through(self.lag, tau * m.rate, m.exp(-m.dt / tau)),)
 
 
 def _instants(extent: Extent) -> list[Shape]:
     return [(float(t),) for t in np.linspace(0.0, extent.duration_s, 32)[2:-2]]
+
+
+def _doubling(shape: Shape) -> Values:
+    return {"time_s": shape[0], "ratio": 2.0}
 
 
 def _ratio(found: Found) -> Values:
@@ -271,43 +218,20 @@ class StiffnessChange(ForceEffect):
     fingerprint = "nothing up to an instant, proportional to position from then on"
     words = "a stiffness that changes at an instant"
     candidates = (
-        ForceColumns(
-            signs=(0,), columns=lambda motion, shape: [motion.x * (motion.t > shape[0])], logarithmic=False,
-            grid=_instants, at_wall=True, naming=_ratio, making=_change,
+        Form(
+            values=_doubling, signs=(0,), logarithmic=False, grid=_instants, naming=_ratio, making=_change,
         ),
-        ForceColumns(
-            form="rest", signs=(0, 0), columns=_later_about_rest, logarithmic=False, grid=_instants,
+        Form(
+            form="rest", values=_doubling, signs=(0, 0), logarithmic=False, grid=_instants,
+            beside=lambda motion, shape: [np.asarray(motion.t >= shape[0], dtype=np.float64)],
             least_score=40.0, least_ratio=1.5,  # a level that steps describes a little of anything slow
-            at_wall=True, naming=_ratio_and_rest, making=_change,
+            naming=_ratio_and_rest, making=_change,
         ),
     )  # fmt: skip
 
-    def _configure(self) -> None:
-        self._time_s, self._rest_m = self.values["time_s"], self.values["rest_position_m"]
-        self._more = self.values["ratio"] - 1.0
-
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        """((ratio - 1) (x - x0) from time_s on,)."""
-        return (self._more * (x - self._rest_m) if t >= self._time_s else 0.0,)
-
-    def columns(self, t: Array, x: Array, v: Array, a: Array, dt: Array) -> Array:
-        return np.where(t >= self._time_s, self._more * (x - self._rest_m), 0.0)[:, None]
-
-
-def _beyond(motion: MotionGrid, shape: Shape) -> MotionGrid:
-    """The motion as depth beyond the contact position; nothing before it."""
-    (contact_m,) = shape
-    instants = np.asarray(motion.x > contact_m, dtype=np.float64)
-    touching = share_above(motion.x, contact_m) if motion.decimated else instants
-    return replace(motion, x=np.maximum(motion.x - contact_m, 0.0), touching=touching)
-
-
-def _pushing(motion: MotionGrid, shape: Shape) -> MotionGrid:
-    """As `_beyond`, and nothing where spring and damper together would pull."""
-    contact_m, release_s = shape
-    depth = motion.x - contact_m
-    touching = share_above(depth, 0.0) * share_above(depth + release_s * motion.v, 0.0)
-    return replace(motion, x=np.maximum(depth, 0.0) * touching, touching=touching)
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        values = self.values
+        return ((values["ratio"] - 1.0) * (m.x - values["rest_position_m"]) * (m.t >= values["time_s"]),)
 
 
 def _places(extent: Extent) -> list[Shape]:
@@ -339,28 +263,23 @@ class ContactLoss(ContactEffect):
         "x from the contact at {contact_position_m} m on",
     )
     candidates = (
+        Transmission(shapes=("contact_position_m",), logarithmic=False, grid=_places, picture="contact"),
         Transmission(
-            shapes=("contact_position_m",), moved=_beyond, logarithmic=False, grid=_places, picture="contact"
-        ),
-        Transmission(
-            form="carried", shapes=("contact_position_m",), moved=_beyond, logarithmic=False, grid=_places,
+            form="carried", shapes=("contact_position_m",), logarithmic=False, grid=_places,
             mass_site="shaft", picture="contact",
         ),
         Transmission(
-            form="pushing", shapes=("contact_position_m", "release_s"), moved=_pushing, logarithmic=False,
+            form="pushing", shapes=("contact_position_m", "release_s"), logarithmic=False,
             grid=lambda extent: [(*place, each) for place in _places(extent)[::2] for each in _RELEASES_S],
             mass_site="shaft", costly=True, picture="contact",
         ),
     )  # fmt: skip
 
-    def _configure(self) -> None:
-        self._contact_m, self._release_s = self.values["contact_position_m"], self.values["release_s"]
-
-    def penetration_m(self, x: float, v: float) -> float | None:
-        """x - contact_position_m while the wall pushes."""
-        depth = x - self._contact_m
-        return depth if depth > 0.0 and depth + self._release_s * v > 0.0 else None
-
-    def penetrations_m(self, x: Array, v: Array) -> Array:
-        depth = x - self._contact_m
-        return np.where((depth > 0.0) & (depth + self._release_s * v > 0.0), depth, np.nan)
+    def contact(self, m: Kinematics) -> tuple[Value, Value]:
+        """The depth, and 1 while the wall pushes."""
+        depth, release_s = m.x - self.values["contact_position_m"], self.values["release_s"]
+        touching = m.above(depth)
+        if release_s == 0.0:
+            return m.positive(depth), touching
+        touching = touching * m.above(depth + release_s * m.v)
+        return m.positive(depth) * touching, touching

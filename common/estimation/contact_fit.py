@@ -37,7 +37,7 @@ from forefeel.common.causes.base import (
     Site,
 )
 from forefeel.common.causes.model import ContactModel, EffectEntry
-from forefeel.common.causes.numerics import intervals_s
+from forefeel.common.causes.motion import Motion
 from forefeel.common.causes.runtime import SITES, WallMotion
 from forefeel.common.estimation.contact_model import (
     SHAPE,
@@ -151,13 +151,10 @@ class _Columns:
         self._contact = next((i for i, e in enumerate(effects) if isinstance(e, ContactEffect)), None)
         self._sensors = [e for e in effects if isinstance(e, SensorEffect) and e.linear]
         self._factored = any(isinstance(e, FactorEffect) for e in effects)
-        t, x, v, a = motion
-        dt = intervals_s(t)
-        stage = np.stack([t, x, v, a, dt])
+        stage = instrument = Motion.of(*motion)
         for effect in effects:
             if isinstance(effect, MotionEffect):
-                x, v, a = effect.path(t, x, v, a, dt)
-        instrument = np.stack([t, x, v, a, dt])
+                instrument = effect.moved(instrument)
         self._motions = {"sensor": stage, "shaft": instrument, "wall": instrument}
         self._gate: EffectEntry | None = None
         self._walls: dict[bool, WallMotion] = {}
@@ -167,7 +164,8 @@ class _Columns:
         """Shape (rows, theta)."""
         model = self._causes.model(shape, self._origin_s)
         if self._factored:  # by the sum of all
-            columns = model.runtime().columns(*self._motions["sensor"][:4], sensed=True)
+            m = self._motions["sensor"]
+            columns = model.runtime().columns(m.t, m.x, m.v, m.a, sensed=True)
             return columns[self._rows] * self._root[:, None]
         gate = None if self._contact is None else model.effects[self._contact]
         if gate != self._gate:
@@ -190,10 +188,9 @@ class _Columns:
         if site == "wall":
             columns = self._wall(everywhere).columns(effect)
         else:
-            columns = effect.columns(*self._motion(site, everywhere))
-        t, *_, dt = self._motions[site]
+            columns = effect.columns(self._motion(site, everywhere))
         for sensor in self._sensors:
-            columns = np.stack([sensor.readings(t, column, dt) for column in columns.T], axis=1)
+            columns = np.stack([sensor.reading(self._motions[site], each) for each in columns.T], axis=1)
         rows = (columns[self._rows] if everywhere else columns).T * self._root
         kept[:] = [_Block(entry, self._gate, effect, rows), *kept[:1]]
         return kept[0]
@@ -202,11 +199,11 @@ class _Columns:
         if everywhere not in self._walls:
             contact = None if self._gate is None else self._gate.instance()
             assert contact is None or isinstance(contact, ContactEffect)
-            self._walls[everywhere] = WallMotion(contact, *self._motion("wall", everywhere))
+            self._walls[everywhere] = WallMotion(contact, self._motion("wall", everywhere))
         return self._walls[everywhere]
 
-    def _motion(self, site: Site, everywhere: bool) -> Array:
-        return self._motions[site] if everywhere else self._motions[site][:, self._rows]
+    def _motion(self, site: Site, everywhere: bool) -> Motion:
+        return self._motions[site] if everywhere else self._motions[site][self._rows]
 
 
 @dataclass(frozen=True, eq=False)

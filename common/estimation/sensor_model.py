@@ -5,6 +5,7 @@ from math import inf
 
 from forefeel.common.causes.base import SensorEffect
 from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.motion import MotionSample
 from forefeel.common.causes.registry import effect_class
 
 Sense = Callable[[float, float, float], float]
@@ -30,11 +31,11 @@ class SensorModel:
 
     def line(self) -> Sense:
         """A fresh chain of its lags and delays, at rest."""
-        senses = [kind(**values).sense for kind, values in self._linear]
+        readings = [kind(**values).reading for kind, values in self._linear]
 
         def sense(t: float, force_n: float, dt: float) -> float:
-            for one in senses:
-                force_n = one(t, force_n, dt)
+            for reading in readings:
+                force_n = reading(MotionSample(t, 0.0, 0.0, 0.0, dt), force_n)
             return force_n
 
         return sense

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import nnls
 
-from forefeel.common.causes.candidate import MotionGrid, Spectrum
+from forefeel.common.causes.candidate import Spectrum
 from forefeel.common.causes.friction import wound
-from forefeel.common.causes.numerics import intervals_s, lagged
+from forefeel.common.causes.motion import MotionGrid, SettledLag
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.signals import Signals
 from forefeel.diagnosis.verdict import Family, Look
@@ -105,7 +105,7 @@ def explained_share(force: Floats, predicted: Floats) -> float:
 def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
     low, high = np.quantile(motion.x, (0.05, 0.95))
     depth = (motion.x - 0.5 * (low + high)) / max(high - low, 1e-300)
-    dry = [motion.direction, *(wound(motion, share * max(high - low, 1e-300)) for share in _PRESLIDING)]
+    dry = [motion.direction(), *(wound(motion, share * max(high - low, 1e-300)) for share in _PRESLIDING)]
     base = [signals.linear_spectrum(derivative) for derivative in (2, 1, 0)]
     rows = signals.rows
     if _HEAVIEST_KG * np.std(signals.column(base[0])[rows]) < np.std(signals.force[rows]):
@@ -120,8 +120,7 @@ def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
 
 def _maxwell(motion: MotionGrid, tau_s: float) -> Floats:
     """Length of the spring of a spring and a damper in series, at rest at the start of each piece."""
-    pieces = [(motion.t[piece], motion.x[piece]) for piece in motion.pieces]
-    return np.concatenate([x - lagged(x, intervals_s(t), tau_s, float(x[0])) for t, x in pieces])
+    return motion.x - motion.through(SettledLag(), motion.x, np.exp(-motion.dt / tau_s))
 
 
 def _high_pass(signals: Signals) -> tuple[float, Floats]:

@@ -7,7 +7,8 @@ from scipy.fft import rfft, rfftfreq
 from scipy.optimize import minimize_scalar
 
 from forefeel.common.causes.candidate import Shape, base_name
-from forefeel.common.causes.periodic import two_harmonics
+from forefeel.common.causes.motion import Motion
+from forefeel.common.causes.periodic import PositionMap
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 
@@ -64,10 +65,11 @@ class Periods:
         known, _ = np.linalg.qr(np.column_stack([np.ones(len(rows)), *(block[rows] for block in blocks)]))
         residual = _beside(known, regression.residual(fit)[rows])
         x = regression.signals.column(regression.signals.spectrum(regression.motion(fit.model).x))[rows]
+        motion = Motion(x, x, x, x, x)
 
         def power(waves: float) -> float:
             """What such waves explain of the residual."""
-            columns = _beside(known, np.column_stack(two_harmonics(x, range_m / waves)))
+            columns = _beside(known, PositionMap(period_m=range_m / waves).columns(motion))
             moment = columns.T @ residual
             return float(moment @ np.linalg.lstsq(columns.T @ columns, moment, rcond=1e-9)[0])
 
@@ -117,8 +119,7 @@ class Periods:
         if period_s is None:
             return False
         periods = self.regression.extent.duration_s / period_s
-        sines = fit.of("pulsation").reshape(2, -1)
-        power = np.sum(sines**2, axis=0)
+        power = np.sum(fit.of("pulsation").reshape(-1, 2) ** 2, axis=1)
         cycles = frequency_hz * np.arange(1, len(power) + 1) * period_s
         # of few periods only what lies closer than a line is wide counts, or all would be harmonics
         width = (1.5 if periods >= _MANY else 0.5) / periods

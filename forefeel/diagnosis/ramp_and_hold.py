@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 from scipy.optimize import nnls
 
 from forefeel.common.causes.candidate import Model
-from forefeel.common.causes.numerics import intervals_s, lagged
+from forefeel.common.causes.motion import SettledLag
+from forefeel.common.causes.numerics import intervals_s
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis, fitted_elsewhere
@@ -47,7 +48,8 @@ class Hold:
 
     def branches(self, log_times: Floats) -> Floats:
         """Columns of k, f_0 and each branch."""
-        own = [self.x - lagged(self.x, intervals_s(self.t), tau, self.x[0]) for tau in np.exp(log_times)]
+        decays = [np.exp(-intervals_s(self.t) / tau) for tau in np.exp(log_times)]
+        own = [self.x - SettledLag.run(self.x, decay) for decay in decays]
         return np.column_stack([self.x, np.ones_like(self.x), *own])
 
     @property

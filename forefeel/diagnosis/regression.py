@@ -18,11 +18,10 @@ from forefeel.common.causes.candidate import (
     Alignment,
     Candidate,
     Changing,
-    ForceColumns,
+    Form,
     Mode,
     Model,
     Modulation,
-    MotionGrid,
     Periodic,
     ReadingColumns,
     Shape,
@@ -32,6 +31,8 @@ from forefeel.common.causes.candidate import (
 )
 from forefeel.common.causes.catalogue import CANDIDATES, kin
 from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.motion import MotionGrid
+from forefeel.common.causes.numerics import intervals_s
 from forefeel.common.causes.unmodelled_resonance import HIGHEST_MODE, MOST_DAMPED
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.look import look
@@ -170,8 +171,9 @@ class RecordingRegression:
         s, grids = signals, zip(signals.piecewise(), signals.piecewise(fine=False), strict=True)
         force = np.concatenate([np.interp(s.fine_t[f], s.t[c], s.force[c]) for f, c in grids])
         self._motion = MotionGrid(
-            s.fine_t, s.fine_x, s.fine_v, s.fine_a, np.ones_like(s.fine_t), tuple(s.piecewise()), speed_band,
-            s.decimated, force,
+            s.fine_t, s.fine_x, s.fine_v, s.fine_a,
+            np.concatenate([intervals_s(s.fine_t[p]) for p in s.piecewise()]), tuple(s.piecewise()),
+            touching=np.ones_like(s.fine_t), speed_band=speed_band, decimated=s.decimated, force=force,
         )  # fmt: skip
         self._motions: OrderedDict[object, MotionGrid] = OrderedDict()
         self._spectra: OrderedDict[object, Spectrum] = OrderedDict()
@@ -354,7 +356,7 @@ class RecordingRegression:
         elif isinstance(candidate, Modulation):
             columns = [np.ones_like(motion.x)]
         else:
-            assert isinstance(candidate, ForceColumns)
+            assert isinstance(candidate, Form)
             columns = candidate.columns(motion, shape)
             if candidate.at_wall:
                 columns = [column * motion.touching for column in columns]
@@ -380,7 +382,7 @@ class RecordingRegression:
         """Whether the reading at which a factor takes the tip's force to be zero is the cell's offset."""
         offset_n = float(coefficients[owners.index("bias")]) if "bias" in owners else 0.0
         near_n = _NEAR_ZERO * (self.extent.high_n - self.extent.low_n)
-        zeros_n = (each.zero_n(shape) for each, shape in changing(model, Modulation) if each.zero_n)
+        zeros_n = (shape[-1] for each, shape in changing(model, Modulation) if each.by_tip)
         return all(abs(zero_n - offset_n) < near_n for zero_n in zeros_n)
 
     def _plays_on_both_sides(self, model: Model) -> bool:

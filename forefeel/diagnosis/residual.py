@@ -8,8 +8,7 @@ held-out blocks. Where it gains clearly, something is there that no named cause 
 
 import numpy as np
 
-from forefeel.common.causes.candidate import MotionGrid
-from forefeel.common.causes.numerics import intervals_s, lagged
+from forefeel.common.causes.motion import Lag, MotionGrid
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.held_out import columns, gain, held_out
 from forefeel.diagnosis.noise import NoiseFloor
@@ -131,7 +130,7 @@ def _features(regression: RecordingRegression, fit: ModelFit) -> Floats:
 
 def _moving(motion: MotionGrid) -> list[Floats]:
     x, v, a = motion.x, motion.v, motion.a
-    s = motion.direction
+    s = motion.direction()
     found = _bumps(x, _knots(x, 10)) + _bumps(v, _knots(v, 10)) + _bumps(a, _knots(a, 8))
     found += [b * s for b in _bumps(x, _knots(x, 6))]
     wide_x, wide_v, wide_a = _bumps(x, _knots(x, 5)), _bumps(v, _knots(v, 5)), _bumps(a, _knots(a, 4))
@@ -171,4 +170,4 @@ def since_reversal(motion: MotionGrid) -> Floats:
 
 
 def _smoothed(motion: MotionGrid, values: Floats, tau_s: float) -> Floats:
-    return np.concatenate([lagged(values[p], intervals_s(motion.t[p]), tau_s) for p in motion.pieces])
+    return motion.through(Lag(), values, np.exp(-motion.dt / tau_s))

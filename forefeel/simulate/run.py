@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from forefeel.common.causes.model import ContactModel, at_conversion
-from forefeel.common.causes.numerics import intervals_s
+from forefeel.common.causes.motion import Motion
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.loading import load_recording
@@ -104,8 +104,9 @@ def simulate(
     span_s = float(np.ptp(stamps_s))
     position_m, force_n = integrate(continuous, pieces, lambda now_s: shown((now_s - stamps_s[0]) / span_s))
     force_n = force_n + random.normal(0.0, options.noise_n, len(stamps_s))
+    motion = Motion.of(stamps_s - stamps_s[0], *np.zeros((3, len(stamps_s))))
     for effect in converts:
-        force_n = effect.readings(stamps_s - stamps_s[0], force_n, intervals_s(stamps_s))
+        force_n = effect.reading(motion, force_n)
     if step_m := options.encoder_step_m:
         position_m = np.rint(position_m / step_m) * step_m
     return {"time_s": stamps_s, "position_m": position_m, "force_n": force_n}

@@ -4,6 +4,7 @@ from math import inf
 
 from forefeel.common.causes.base import SensorEffect
 from forefeel.common.causes.model import ContactModel, at_conversion
+from forefeel.common.causes.motion import MotionSample
 from forefeel.common.causes.runtime import ContactRuntime
 from forefeel.common.messages import Grip
 from forefeel.slave.plant.settings import HiddenSettings
@@ -55,7 +56,7 @@ class Converter:
         """The reading in N of a force at time t in s, dt after the last."""
         for from_s, effect in self._effects:
             if t >= from_s:
-                force_n = effect.sense(t, force_n, dt)
+                force_n = effect.reading(MotionSample(t, 0.0, 0.0, 0.0, dt), force_n)
         return force_n
 
 

@@ -1,10 +1,10 @@
 """The simulated world of one axis: stage, fixture, vessel and load cell on one time grid."""
 
 from collections.abc import Callable
-from math import pi
+from math import exp, pi
 from random import Random
 
-from forefeel.common.causes.numerics import FirstOrderLag
+from forefeel.common.causes.motion import Lag
 from forefeel.common.messages import Grip
 from forefeel.slave.load_cell import VALID_SHARE, LoadCellReading
 from forefeel.slave.plant.contact import PlantFixture, plant_contact
@@ -40,7 +40,9 @@ class PlantLoadCell:
         self._most_counts = 2 ** (settings.bits - 1) - 1
         self._newton_per_count = settings.full_scale_n / self._most_counts
         self.full_scale_n: float = self._most_counts * self._newton_per_count
-        self.filtered = FirstOrderLag(1.0 / (2.0 * pi * settings.filter_hz))
+        self.filtered = Lag()
+        self.decay = exp(-2.0 * pi * settings.filter_hz / _RATE_HZ)
+        """Of the filter in one step of the integration."""
         self.reading = LoadCellReading(0.0, 0, False)
         """The newest conversion; invalid before the first."""
 
@@ -118,12 +120,12 @@ class SimulatedWorld:
 
     def _integrate(self, first: int, last: int) -> None:
         """Steps stage, fixture and filter up to step `last`, and converts once a millisecond."""
-        stage, fixture, sense = self._stage.step, self._fixture.step, self._load_cell.filtered.advance
+        stage, fixture, cell = self._stage.step, self._fixture.step, self._load_cell
         dt, per_conversion = self._dt, _RATE_HZ // _CONVERSION_RATE_HZ
         for step in range(first + 1, last + 1):
             t = step * dt
             x, v, a = stage(t)
-            sense(fixture(t, x, v, a, dt), dt)
+            cell.filtered.step(fixture(t, x, v, a, dt), cell.decay)
             if step % per_conversion == 0:
-                self._load_cell.convert(t)
+                cell.convert(t)
         self._steps = last

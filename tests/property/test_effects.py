@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from forefeel.common.causes.base import ForceEffect
 from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.motion import MotionSample
 from forefeel.common.causes.registry import OWN
 from forefeel.common.causes.runtime import ContactRuntime
 from forefeel.common.causes.transmission import Backlash
@@ -79,9 +80,8 @@ def test_twice_the_linear_parameters_is_twice_the_force(
     linear = {p.name for p in kind.parameters if p.linear}
     single = kind(**values)
     double = kind(**{name: value * (2.0 if name in linear else 1.0) for name, value in values.items()})
-    assert isinstance(single, ForceEffect) and isinstance(double, ForceEffect)
-    for at in motion(path):
-        assert double.step(*at) == pytest.approx(2.0 * single.step(*at), rel=1e-12)
+    once, twice = ContactRuntime([(single, None)]), ContactRuntime([(double, None)])
+    assert forces(twice, path) == pytest.approx([2.0 * force_n for force_n in forces(once, path)], rel=1e-12)
 
 
 @quick
@@ -105,6 +105,6 @@ def test_a_model_survives_its_mapping(model: ContactModel) -> None:
 def test_the_instrument_stays_within_the_play(path: list[tuple[float, int]], width_m: float) -> None:
     effect = Backlash(width_m=width_m)
     for t, x, v, a, dt in motion(path):
-        y, instrument_v, _ = effect.transform(t, x, v, a, dt)
-        assert abs(y - x) <= width_m / 2 + 1e-12
-        assert instrument_v in (0.0, v)
+        moved = effect.moved(MotionSample(t, x, v, a, dt))
+        assert abs(moved.x - x) <= width_m / 2 + 1e-12
+        assert moved.v in (0.0, v)

@@ -17,7 +17,7 @@ from forefeel.common.causes.base import (
     SensorEffect,
 )
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.causes.numerics import intervals_s
+from forefeel.common.causes.motion import Motion, MotionSample
 from forefeel.common.causes.registry import OWN
 
 Array = NDArray[np.float64]
@@ -54,66 +54,61 @@ def random_effect(kind: type[Effect], seed: int) -> Effect:
     return kind(**values)
 
 
-def stepwise(effect: Effect, t: Array, x: Array, v: Array, a: Array) -> Array:
-    steps = np.stack((t, x, v, a, intervals_s(t)), axis=1).tolist()
-    if isinstance(effect, ForceEffect):
-        return np.array([effect.regressors(*at) for at in steps])
-    if isinstance(effect, MotionEffect):
-        return np.array([effect.transform(*at) for at in steps])
-    if isinstance(effect, ContactEffect):
-        depths = [effect.penetration_m(at[1], at[2]) for at in steps]
-        return np.array([[np.nan if depth is None else depth] for depth in depths])
-    if isinstance(effect, FactorEffect):
-        return np.array([[effect.factor(at[1], at[2], at[3])] for at in steps])
-    assert isinstance(effect, SensorEffect)
-    return np.array([[effect.sense(at[0], at[1], at[4])] for at in steps])
+def steps_of(motion: Motion) -> list[MotionSample]:
+    rows = np.stack((motion.t, motion.x, motion.v, motion.a, motion.dt), axis=1)
+    return [MotionSample(*row) for row in rows.tolist()]
 
 
-def whole(effect: Effect, t: Array, x: Array, v: Array, a: Array) -> Array:
+def evaluated(effect: Effect, m: Any) -> tuple[Any, ...]:  # noqa: ANN401 - a sample or a motion
+    """Whatever the effect makes of a sample or of a motion, whose position serves as the force, too."""
     if isinstance(effect, ForceEffect):
-        return effect.columns(t, x, v, a, intervals_s(t))
+        return effect.regressors(m)
     if isinstance(effect, MotionEffect):
-        return np.stack(effect.path(t, x, v, a, intervals_s(t)), axis=1)
+        moved = effect.moved(m)
+        return moved.x, moved.v, moved.a
     if isinstance(effect, ContactEffect):
-        return effect.penetrations_m(x, v)[:, None]
+        return effect.contact(m)
     if isinstance(effect, FactorEffect):
-        return effect.factors(x, v, a)[:, None]
+        return (effect.factor(m, m.a),)
     assert isinstance(effect, SensorEffect)
-    return effect.readings(t, x, intervals_s(t))[:, None]
+    return (effect.reading(m, m.x),)
+
+
+def stepwise(effect: Effect, motion: Motion) -> Array:
+    return np.array([evaluated(effect, sample) for sample in steps_of(motion)])
+
+
+def whole(effect: Effect, motion: Motion) -> Array:
+    columns = np.broadcast_arrays(*evaluated(effect, motion), motion.t)[:-1]
+    return np.stack(columns, axis=1).astype(np.float64, casting="no")
 
 
 @pytest.mark.parametrize("name", sorted(OWN))
 @quick
 @given(seeds)
 def test_a_whole_recording_is_what_its_steps_are(name: str, seed: int) -> None:
-    effect, motion = random_effect(OWN[name], seed), random_motion(seed)
-    at_once = whole(effect, *motion)
-    assert at_once.dtype == np.float64
-    assert_same(at_once, stepwise(effect, *motion))
+    effect, motion = random_effect(OWN[name], seed), Motion.of(*random_motion(seed))
+    assert_same(whole(effect, motion), stepwise(effect, motion))
 
 
 @pytest.mark.parametrize("name", sorted(OWN))
 def test_a_whole_recording_neither_sees_nor_changes_the_state(name: str) -> None:
-    effect, motion, other = random_effect(OWN[name], 1), random_motion(2), random_motion(3)
-    first = whole(effect, *motion)
+    effect = random_effect(OWN[name], 1)
+    motion, other = (Motion.of(*random_motion(seed)) for seed in (2, 3))
+    first = whole(effect, motion)
     effect.reset()
-    expected = stepwise(effect, *other)
+    expected = stepwise(effect, other)
     effect.reset()
     for part in (slice(0, 150), slice(150, None)):
-        np.testing.assert_array_equal(whole(effect, *motion), first)
-        steps = [column[part] for column in other]
-        dt = np.diff(other[0], prepend=other[0][0])[part]
-        if isinstance(effect, ForceEffect):
-            now = [effect.regressors(*at) for at in np.stack((*steps, dt), axis=1).tolist()]
-            np.testing.assert_array_equal(np.array(now), expected[part])
+        np.testing.assert_array_equal(whole(effect, motion), first)
+        np.testing.assert_array_equal(stepwise(effect, other[part]), expected[part])
 
 
 @pytest.mark.parametrize("name", sorted(OWN))
 @pytest.mark.parametrize("n", [0, 1, 2])
 def test_hardly_any_samples_are_no_special_case(name: str, n: int) -> None:
     effect = random_effect(OWN[name], 6)
-    motion = tuple(column[:n] for column in random_motion(7))
-    assert len(whole(effect, *motion)) == n
+    assert len(whole(effect, Motion.of(*random_motion(7))[:n])) == n
 
 
 FORCES = sorted(name for name, kind in OWN.items() if issubclass(kind, ForceEffect))
@@ -123,11 +118,10 @@ FORCES = sorted(name for name, kind in OWN.items() if issubclass(kind, ForceEffe
 @quick
 @given(seeds)
 def test_the_span_holds_the_effect_and_leads_back_to_it(name: str, seed: int) -> None:
-    effect, (t, *moved) = random_effect(OWN[name], seed), random_motion(seed)
-    motion = (t, *moved, intervals_s(t))
+    effect, motion = random_effect(OWN[name], seed), Motion.of(*random_motion(seed))
     assert isinstance(effect, ForceEffect)
-    force_n = effect.columns(*motion) @ np.array(effect.linear_values)
-    span = effect.span(*motion)
+    force_n = effect.columns(motion) @ np.array(effect.linear_values)
+    span = effect.span(motion)
     scale = np.linalg.norm(span, axis=0)
     scale[scale == 0.0] = 1.0
     found = np.linalg.lstsq(span / scale, force_n, rcond=None)[0] / scale
@@ -135,7 +129,7 @@ def test_the_span_holds_the_effect_and_leads_back_to_it(name: str, seed: int) ->
     np.testing.assert_allclose(span @ found, force_n, rtol=0.0, atol=1e-7 * size)
     again = type(effect)(**effect.from_span(found)) if _within(effect, effect.from_span(found)) else None
     if again is not None:
-        repeated = again.columns(*motion) @ np.array(again.linear_values)
+        repeated = again.columns(motion) @ np.array(again.linear_values)
         np.testing.assert_allclose(repeated, force_n, rtol=0.0, atol=1e-6 * size)
 
 

@@ -10,13 +10,13 @@ from forefeel.common.causes.base import ForceEffect, SensorEffect
 from forefeel.common.causes.capstan import Capstan
 from forefeel.common.causes.damping import AsymmetricDamping, HuntCrossleyDamping, QuadraticDrag
 from forefeel.common.causes.friction import (
-    BAND_M_S,
     CoulombFriction,
     PositionDependentFriction,
     PreslidingHysteresis,
     StribeckFriction,
 )
 from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.motion import BAND_M_S, MotionSample
 from forefeel.common.causes.periodic import MainsHum, Pulsation
 from forefeel.common.causes.sensor import (
     Bias,
@@ -38,6 +38,20 @@ from forefeel.common.causes.wall import (
 )
 
 DT = 1e-3
+
+
+def stepped(
+    effect: ForceEffect, t: float = 0.0, x: float = 0.0, v: float = 0.0, a: float = 0.0, dt: float = DT
+) -> float:
+    """The force in N after a step."""
+    phi = effect.regressors(MotionSample(t, x, v, a, dt))
+    return float(np.dot(effect.linear_values, phi))
+
+
+def read(effect: SensorEffect, force_n: float, t: float = 0.0, dt: float = DT) -> float:
+    return float(effect.reading(MotionSample(t, 0.0, 0.0, 0.0, dt), force_n))
+
+
 STRIBECK = StribeckFriction(coulomb_n=0.1, static_n=0.3, stribeck_velocity_m_s=0.01)
 
 
@@ -75,7 +89,7 @@ STRIBECK = StribeckFriction(coulomb_n=0.1, static_n=0.3, stribeck_velocity_m_s=0
 def test_force_is_its_closed_form(
     effect: ForceEffect, motion: tuple[float, float, float], expected_n: float
 ) -> None:
-    assert effect.step(9.0, *motion, 1e-3) == pytest.approx(expected_n, rel=1e-4)
+    assert stepped(effect, 9.0, *motion) == pytest.approx(expected_n, rel=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -88,7 +102,7 @@ def test_force_is_its_closed_form(
     ids=lambda value: value.name if isinstance(value, SensorEffect) else "",
 )
 def test_reading_is_its_closed_form(effect: SensorEffect, readings_n: list[tuple[float, float]]) -> None:
-    found = [effect.sense(0.0, force_n, 1e-3) for force_n, _ in readings_n]
+    found = [read(effect, force_n) for force_n, _ in readings_n]
     assert found == pytest.approx([reading_n for _, reading_n in readings_n])
 
 
@@ -98,7 +112,7 @@ def glide(effect: ForceEffect, distance_m: float, speed_m_s: float, steps: int) 
     v = speed_m_s if distance_m > 0 else -speed_m_s
     force = 0.0
     for _ in range(steps):
-        force = effect.step(0.0, 0.0, v, 0.0, dt)
+        force = stepped(effect, v=v, dt=dt)
     return force
 
 
@@ -109,7 +123,7 @@ def test_with_a_breakaway_friction_turns_over_twice_that_distance() -> None:
     assert glide(effect, -1e-5, 1e-3, 10) == pytest.approx(0.0, abs=1e-12)
     assert glide(effect, -1e-4, 1e-3, 10) == pytest.approx(-0.2)
     effect.reset()
-    assert effect.step(0.0, 0.0, 0.0, 0.0, 1e-3) == 0.0
+    assert stepped(effect) == 0.0
 
 
 @pytest.mark.parametrize("steps", [1, 7, 1000])
@@ -128,9 +142,9 @@ def test_dahl_follows_its_closed_form_at_any_speed_and_step(steps: int, speed: f
 def test_stress_relaxation_builds_up_and_fades_exponentially(steps: int) -> None:
     k, tau, v, ramp_s, hold_s = 6.0, 0.6, 0.02, 0.5, 0.9
     effect = StressRelaxation(stiffness_n_m=k, time_constant_s=tau)
-    ramp = [effect.step(0.0, 0.0, v, 0.0, ramp_s / steps) for _ in range(steps)][-1]
+    ramp = [stepped(effect, v=v, dt=ramp_s / steps) for _ in range(steps)][-1]
     assert ramp == pytest.approx(k * v * tau * (1 - exp(-ramp_s / tau)), rel=1e-9)
-    hold = [effect.step(0.0, 0.0, 0.0, 0.0, hold_s / steps) for _ in range(steps)][-1]
+    hold = [stepped(effect, dt=hold_s / steps) for _ in range(steps)][-1]
     assert hold == pytest.approx(ramp * exp(-hold_s / tau), rel=1e-9)
 
 
@@ -145,34 +159,36 @@ def test_a_bad_value_is_refused_in_one_line(value: object) -> None:
 def test_backlash_loses_its_width_at_each_reversal() -> None:
     effect = Backlash(width_m=0.002)
     path = [0.0, 0.001, 0.002, 0.010, 0.009, 0.008, 0.007, 0.005]
-    instrument = [effect.transform(0.0, x, 1.0, 2.0, 1e-3) for x in path]
-    assert [y for y, _, _ in instrument] == pytest.approx(
-        [0.0, 0.0, 0.001, 0.009, 0.009, 0.009, 0.008, 0.006]
-    )
-    assert [v for _, v, _ in instrument] == [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0]
-    assert [a for _, _, a in instrument] == [2.0 * v for _, v, _ in instrument]
+    instrument = [effect.moved(MotionSample(0.0, x, 1.0, 2.0, DT)) for x in path]
+    expected_m = [0.0, 0.0, 0.001, 0.009, 0.009, 0.009, 0.008, 0.006]
+    assert [m.x for m in instrument] == pytest.approx(expected_m)
+    assert [m.v for m in instrument] == [0.0, 0.0, 1.0, 1.0, 0.0, 0.0, 1.0, 1.0]
+    assert [m.a for m in instrument] == [2.0 * m.v for m in instrument]
 
 
 def test_a_damped_wall_pushes_and_does_not_pull() -> None:
     effect = ContactLoss(contact_position_m=0.01, release_s=0.1)
-    assert effect.penetration_m(0.013, -0.029) == pytest.approx(0.003)
-    assert effect.penetration_m(0.013, -0.031) is None, "spring and damper together would pull"
-    assert effect.penetration_m(0.009, 1.0) is None
+    assert effect.contact(MotionSample(0.0, 0.013, -0.029, 0.0, DT)) == (pytest.approx(0.003), 1.0)
+    assert effect.contact(MotionSample(0.0, 0.013, -0.031, 0.0, DT))[1] == 0.0, "spring and damper would pull"
+    assert effect.contact(MotionSample(0.0, 0.009, 1.0, 0.0, DT))[1] == 0.0
 
 
-def test_a_shaft_whose_bends_grow_with_its_length_multiplies_more_the_deeper_it_is() -> None:
+@pytest.mark.parametrize(
+    ("x", "v", "tip_n", "exponent"),
+    [(0.01, 1.0, 1.0, 0.3), (0.01, -1.0, 1.0, -0.3), (0.01, -1.0, -1.0, 0.3), (-0.01, 1.0, 1.0, 0.1)],
+)
+def test_a_shaft_whose_bends_grow_with_its_length_multiplies_more_the_deeper_it_is(
+    x: float, v: float, tip_n: float, exponent: float
+) -> None:
     effect = Capstan(wrap_rad=0.1, wrap_rad_m=20.0)
-    assert effect.factor(0.01, 1.0, 1.0) == pytest.approx(exp(0.3))
-    assert effect.factor(0.01, -1.0, 1.0) == pytest.approx(exp(-0.3))
-    assert effect.factor(0.01, -1.0, -1.0) == pytest.approx(exp(0.3)), "a tip that pulls"
-    assert effect.factor(-0.01, 1.0, 1.0) == pytest.approx(exp(0.1))
+    assert effect.factor(MotionSample(0.0, x, v, 0.0, DT), tip_n) == pytest.approx(exp(exponent))
 
 
 @pytest.mark.parametrize("steps", [1, 10, 1000])
 def test_sensor_lag_answers_a_step_exactly(steps: int) -> None:
     effect = SensorLag(time_constant_s=0.02)
-    assert effect.sense(0.0, 1.0, 1e-3) == 1.0
-    readings = [effect.sense(0.0, 3.0, 0.05 / steps) for _ in range(steps)]
+    assert read(effect, 1.0) == 1.0
+    readings = [read(effect, 3.0, dt=0.05 / steps) for _ in range(steps)]
     assert readings[-1] == pytest.approx(3.0 - 2.0 * exp(-0.05 / 0.02), rel=1e-9)
 
 
@@ -205,21 +221,21 @@ def test_a_periodic_force_has_three_harmonics_with_phases_of_their_own(
     }
     p = 2 * pi * 49.7 * 1.234 + 0.4
     force = 0.02 * (sin(p) + 0.3 * sin(2 * p - 1.0) + 2.0 * sin(3 * p + 2.0))
-    assert kind(**values).step(1.234, 0.0, 0.0, 0.0, DT) == pytest.approx(force)
+    assert stepped(kind(**values), 1.234) == pytest.approx(force)
 
 
 def test_a_delay_gives_the_force_of_then() -> None:
     effect = TimeDelay(delay_s=0.0255)
-    readings = [effect.sense(i * DT, sin(i * DT), DT) for i in range(200)]
+    readings = [read(effect, sin(i * DT), i * DT) for i in range(200)]
     assert readings[:26] == [0.0] * 26
     expected = [sin(i * DT - 0.0255) for i in range(26, 200)]
     assert readings[26:] == pytest.approx(expected, abs=2e-7)
     effect.reset()
-    assert effect.sense(0.0, 0.7, DT) == 0.7
+    assert read(effect, 0.7) == 0.7
 
 
 def spikes(effect: SensorSpikes, duration_s: float, dt: float) -> list[float]:
-    return [effect.sense(i * dt, 0.0, dt) for i in range(round(duration_s / dt))]
+    return [read(effect, 0.0, i * dt, dt) for i in range(round(duration_s / dt))]
 
 
 def test_spikes_come_at_their_rate_and_size_and_alone() -> None:
@@ -251,9 +267,9 @@ def test_a_resonance_rings_as_its_closed_form(steps: int) -> None:
         stiffness_n_m=30.0, damping_n_s_m=0.2, frequency_hz=frequency_hz, damping_ratio=damping_ratio
     )
     for _ in range(steps):
-        effect.step(0.0, 0.0, 0.0, a, accelerated_s / steps)
+        stepped(effect, a=a, dt=accelerated_s / steps)
     for _ in range(steps):
-        force = effect.step(0.0, 0.0, 0.0, 0.0, free_s / steps)
+        force = stepped(effect, dt=free_s / steps)
     w = 2 * pi * frequency_hz
     swing, decay = w * sqrt(1 - damping_ratio**2), damping_ratio * w
 

@@ -22,6 +22,7 @@ from forefeel.common.causes.base import (
 from forefeel.common.causes.candidate import Found
 from forefeel.common.causes.catalogue import CANDIDATES, refresh
 from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.motion import Kinematics, Memory, Motion, MotionSample, Value
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
@@ -77,8 +78,8 @@ class Good(ForceEffect):
     parameters: ClassVar[tuple[Parameter, ...]] = SIZE
     reference = "test"
 
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        return (x,)
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        return (m.x,)
 
 
 class Abstract(ForceEffect):
@@ -91,8 +92,8 @@ class Abstract(ForceEffect):
 class TwoRegressors(Good):
     name = "two_regressors"
 
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        return (x, v)
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        return (m.x, m.v)
 
 
 class Siteless(Good):
@@ -110,8 +111,8 @@ class GoodMotion(MotionEffect):
     parameters = ()
     reference = "test"
 
-    def transform(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, float, float]:
-        return 2.0 * x, 2.0 * v, 2.0 * a
+    def moved(self, m: Kinematics) -> Kinematics:
+        return m.along(2.0 * m.x, 2.0 * m.v, 2.0 * m.a)
 
 
 class GoodContact(ContactEffect):
@@ -119,8 +120,8 @@ class GoodContact(ContactEffect):
     parameters = ()
     reference = "test"
 
-    def penetration_m(self, x: float, v: float) -> float | None:
-        return x if x > 0.0 else None
+    def contact(self, m: Kinematics) -> tuple[Value, Value]:
+        return m.depth, m.above(m.x)
 
 
 class GoodSensor(SensorEffect):
@@ -128,15 +129,42 @@ class GoodSensor(SensorEffect):
     parameters = ()
     reference = "test"
 
-    def sense(self, t: float, force_n: float, dt: float) -> float:
+    def reading(self, m: Kinematics, force_n: Value) -> Value:
         return -force_n
+
+
+class Sum(Memory):
+    def step(self, u: float) -> Value:
+        self.value += u
+        return self.value
+
+
+class Integral(Good):
+    """A memory that gives only its step, and a function that is written for floats."""
+
+    name = "integral"
+    distance = Sum()
+
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        return (m.through(self.distance, m.elementwise(lambda v, dt: abs(v) * dt, m.v, m.dt)),)
 
 
 def raises() -> Any:  # noqa: ANN401
     """Not an effect."""
 
 
-@pytest.mark.parametrize("kind", [Good, GoodMotion, GoodContact, GoodSensor])
+def test_a_memory_of_its_own_needs_no_more_than_its_step() -> None:
+    effect, again, t, v = Integral(), Integral(), np.array([1.0, 2.0, 4.0]), np.array([3.0, 1.0, -2.0])
+    motion = Motion.of(t, v, v, v)
+    (distance,) = effect.regressors(motion)
+    assert distance.tolist() == [0.0, 1.0, 5.0]
+    assert effect.regressors(MotionSample(5.0, 0.0, 2.0, 0.0, 1.0)) == (2.0,)
+    assert effect.remembers and again.regressors(MotionSample(5.0, 0.0, 0.0, 0.0, 1.0)) == (0.0,)
+    effect.reset()
+    assert effect.regressors(MotionSample(5.0, 0.0, 0.0, 0.0, 1.0)) == (0.0,)
+
+
+@pytest.mark.parametrize("kind", [Good, GoodMotion, GoodContact, GoodSensor, Integral])
 def test_every_kind_of_effect_can_be_added_with_no_more_than_it_needs(
     install: Install, kind: type[Effect]
 ) -> None:
@@ -250,12 +278,9 @@ class Threshold(ForceEffect):
     )
     reference = "test"
 
-    def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, ...]:
-        return (float(np.tanh((x - self.values["position_m"]) / self.values["width_m"])),)
-
-    def columns(self, t: Floats, x: Floats, v: Floats, a: Floats, dt: Floats) -> Floats:
-        depth = (x - self.values["position_m"]) / self.values["width_m"]
-        return np.asarray(np.tanh(depth))[:, None]
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        depth = (m.x - self.values["position_m"]) / self.values["width_m"]
+        return (2.0 / (1.0 + m.exp(-2.0 * m.clip(depth, -50.0, 50.0))) - 1.0,)
 
 
 class Turned(MotionEffect):
@@ -263,8 +288,8 @@ class Turned(MotionEffect):
     parameters = ()
     reference = "test"
 
-    def transform(self, t: float, x: float, v: float, a: float, dt: float) -> tuple[float, float, float]:
-        return -x, -v, -a
+    def moved(self, m: Kinematics) -> Kinematics:
+        return m.along(-m.x, -m.v, -m.a)
 
 
 def test_two_shapes_one_of_either_sign_are_searched_and_named(install: Install) -> None:

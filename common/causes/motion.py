@@ -1,0 +1,382 @@
+"""The motion that the equations of causes are written for, and the memories that they have.
+
+A `MotionSample` is one step of plant or predictor, with floats. A `Motion` is a whole recording, with arrays
+of shape (n,); a diagnosis has a `MotionGrid`, which knows where it is noisy or coarse. All have the same
+members, so that one equation serves all three. At a sample a `Memory` takes a step; over a recording it runs
+through each piece from rest, and neither sees nor changes what it remembers of the steps.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from copy import copy
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, TypeAlias
+
+import numpy as np
+
+from forefeel.common.causes.numerics import Array, intervals_s, lazy_kernel, share_above, sign_means
+
+BAND_M_S = 1e-5
+"""m/s, half the width of the linear band of a direction: a wider one makes slow friction viscous, a narrower
+one lets it chatter where a servo comes to rest."""
+
+Kinematics: TypeAlias = Any
+"""A `MotionSample` or a `Motion`: no static type says that floats and arrays have one arithmetic."""
+Value: TypeAlias = Any
+"""A float at a `MotionSample`, an array or a float over a `Motion`."""
+
+
+class MotionSample:
+    """Stamp in s, motion in m, m/s, m/s^2 at the end of a step of dt in s."""
+
+    __slots__ = ("a", "dt", "t", "v", "x")
+    exp = staticmethod(math.exp)
+    expm1 = staticmethod(math.expm1)
+    sin = staticmethod(math.sin)
+    cos = staticmethod(math.cos)
+    rint = staticmethod(round)
+
+    def __init__(self, t: float, x: float, v: float, a: float, dt: float) -> None:
+        self.t, self.x, self.v, self.a, self.dt = t, x, v, a, dt
+
+    @property
+    def rate(self) -> float:
+        """Velocity of the step: the way gone over dt."""
+        return self.v
+
+    @property
+    def depth(self) -> float:
+        """Penetration: the position where it is positive."""
+        return self.x if self.x > 0.0 else 0.0
+
+    def direction(self, band_m_s: float = BAND_M_S) -> float:
+        """sign(v), linear within the band, the usual regularisation of Coulomb's law (Armstrong-Helouvry,
+        Dupont and Canudas de Wit, Automatica 30(7), 1994).
+        """
+        v = self.v
+        return 1.0 if v >= band_m_s else -1.0 if v <= -band_m_s else v / band_m_s
+
+    def along(self, x: float, v: float, a: float) -> "MotionSample":
+        """Another motion at the same time."""
+        return MotionSample(self.t, x, v, a, self.dt)
+
+    @staticmethod
+    def through(memory: "Memory", *inputs: float) -> Any:  # noqa: ANN401 - a float or several
+        """Output of a memory after these inputs."""
+        return memory.step(*inputs)
+
+    @staticmethod
+    def elementwise(function: Callable[..., float], *inputs: float) -> float:
+        """Value of a function that is written for floats only."""
+        return function(*inputs)
+
+    @staticmethod
+    def sign(u: float) -> float:
+        """1 or -1, by the sign bit where u is 0."""
+        return math.copysign(1.0, u)
+
+    @staticmethod
+    def above(u: float) -> float:
+        """1 where u is positive, else 0."""
+        return 1.0 if u > 0.0 else 0.0
+
+    @staticmethod
+    def positive(u: float) -> float:
+        """max(u, 0)."""
+        return u if u > 0.0 else 0.0
+
+    @staticmethod
+    def negative(u: float) -> float:
+        """min(u, 0)."""
+        return u if u < 0.0 else 0.0
+
+    @staticmethod
+    def clip(u: float, low: float, high: float) -> float:
+        return min(max(u, low), high)
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A recorded motion, arrays of shape (n,); its members are those of `MotionSample`.
+
+    `dt`: the interval before each stamp, 0 before the first, where every effect is at rest. `pieces`:
+    stretches, in each of which memories begin anew.
+    """
+
+    t: Array
+    x: Array
+    v: Array
+    a: Array
+    dt: Array
+    pieces: tuple[slice, ...] = (slice(None),)
+
+    exp = staticmethod(np.exp)
+    expm1 = staticmethod(np.expm1)
+    sin = staticmethod(np.sin)
+    cos = staticmethod(np.cos)
+    rint = staticmethod(np.rint)
+    clip = staticmethod(np.clip)
+
+    @classmethod
+    def of(cls, t: Array, x: Array, v: Array, a: Array) -> "Motion":
+        """One piece, by its stamps."""
+        return Motion(t, x, v, a, intervals_s(t))
+
+    def __getitem__(self, rows: Any) -> "Motion":  # noqa: ANN401 - any index of an array
+        """Some of its samples, as one piece."""
+        return Motion(*(values[rows] for values in (self.t, self.x, self.v, self.a, self.dt)))
+
+    @property
+    def rate(self) -> Array:
+        return self.v
+
+    @cached_property
+    def depth(self) -> Array:
+        return np.maximum(self.x, 0.0)
+
+    def direction(self, band_m_s: float = BAND_M_S) -> Array:
+        return np.clip(self.v / band_m_s, -1.0, 1.0)
+
+    def along(self, x: Array, v: Array, a: Array) -> "Motion":
+        return replace(self, x=x, v=v, a=a)
+
+    def through(self, memory: "Memory", *inputs: Value) -> Array:
+        whole = [u if isinstance(u, np.ndarray) else np.full(self.x.shape, u) for u in inputs]
+        return np.concatenate([memory.run(*(u[piece] for u in whole)) for piece in self.pieces], axis=-1)
+
+    def elementwise(self, function: Callable[..., float], *inputs: Value) -> Array:
+        rows = zip(*(np.broadcast_to(values, self.x.shape).tolist() for values in inputs), strict=True)
+        return np.array([function(*row) for row in rows], dtype=np.float64)
+
+    @staticmethod
+    def sign(u: Array) -> Array:
+        return np.copysign(1.0, u)
+
+    def above(self, u: Array) -> Array:
+        return np.asarray(u > 0.0, dtype=np.float64)
+
+    @staticmethod
+    def positive(u: Array) -> Array:
+        return np.maximum(u, 0.0)
+
+    @staticmethod
+    def negative(u: Array) -> Array:
+        return np.minimum(u, 0.0)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class MotionGrid(Motion):
+    """The instrument's motion on the fine grid of a diagnosis, and the measured force in N.
+
+    `touching` is 1 in contact; `speed_band`: where v is noise; `decimated`: it is coarser than the samples.
+    """
+
+    touching: Array
+    speed_band: float
+    decimated: bool
+    force: Array
+
+    @cached_property
+    def rate(self) -> Array:
+        """Velocity by the increments of the position: a filtered one does not add up to it."""
+        steps = np.concatenate([np.diff(self.x[piece], prepend=self.x[piece][:1]) for piece in self.pieces])
+        return np.asarray(np.divide(steps, self.dt, out=np.zeros_like(steps), where=self.dt > 0.0))
+
+    def direction(self, band_m_s: float = BAND_M_S) -> Array:
+        """sign(v) with a band as wide as the noise; means where the grid is coarser than the samples."""
+        return self._direction
+
+    @cached_property
+    def _direction(self) -> Array:
+        return sign_means(self.v, self.speed_band) if self.decimated else super().direction(self.speed_band)
+
+    def above(self, u: Array) -> Array:
+        """Share of each sample in which u is positive, where the grid is coarser than the samples."""
+        return share_above(u, 0.0) if self.decimated else super().above(u)
+
+
+class Memory:
+    """State of an effect, which declares it as a class attribute; each instance has one of its own.
+
+    A subclass gives `step` for floats. `run` is the same over arrays, from rest; one that is called often is
+    compiled.
+    """
+
+    value: Any = 0.0
+    """The state, at rest that of the class."""
+
+    def step(self, *inputs: Any) -> Any:  # noqa: ANN401 - floats, as many as the memory has
+        """Output after a step."""
+        raise NotImplementedError
+
+    def run(self, *inputs: Any) -> Array:  # noqa: ANN401 - arrays, as many as `step` has floats
+        """Output after each step from rest, shape (n,) or (outputs, n)."""
+        fresh = copy(self)
+        fresh.reset()
+        rows = zip(*(values.tolist() for values in inputs), strict=True)
+        return np.array([fresh.step(*row) for row in rows], dtype=np.float64).T
+
+    def reset(self) -> None:
+        self.value = type(self).value
+
+
+class PrandtlElement(Memory):
+    """`s <- clip(s + u, -1, 1)`: a spring in series with dry friction (Prandtl, ZAMM 8(2), 1928)."""
+
+    def step(self, u: float) -> Value:
+        self.value = min(max(self.value + u, -1.0), 1.0)
+        return self.value
+
+    @staticmethod
+    @lazy_kernel
+    def run(u: Array) -> Array:
+        y, s = np.empty_like(u), 0.0
+        for i in range(len(u)):
+            s = min(max(s + u[i], -1.0), 1.0)
+            y[i] = s
+        return y
+
+
+class Bristle(Memory):
+    """`du = (1 - u sgn(d)) d`, exact for any d, with decay = exp(-|d|): saturates at +-1 (Dahl, 1968)."""
+
+    def step(self, d: float, decay: float) -> Value:
+        if d > 0.0:
+            self.value = 1.0 - (1.0 - self.value) * decay
+        elif d < 0.0:
+            self.value = (1.0 + self.value) * decay - 1.0
+        return self.value
+
+    @staticmethod
+    @lazy_kernel
+    def run(d: Array, decay: Array) -> Array:
+        y, u = np.empty_like(d), 0.0
+        for i in range(len(d)):
+            if d[i] > 0.0:
+                u = 1.0 - (1.0 - u) * decay[i]
+            elif d[i] < 0.0:
+                u = (1.0 + u) * decay[i] - 1.0
+            y[i] = u
+        return y
+
+
+class Lag(Memory):
+    """`tau y' = u - y`, exact for u constant over dt, with decay = exp(-dt / tau)."""
+
+    def step(self, u: float, decay: float) -> Value:
+        self.value = u + (self.value - u) * decay
+        return self.value
+
+    @staticmethod
+    def run(u: Array, decay: Array) -> Array:
+        return _lagged(u, decay, 0.0)
+
+
+class SettledLag(Lag):
+    """As `Lag`, settled at its first input."""
+
+    value = None
+
+    def step(self, u: float, decay: float) -> Value:
+        self.value = u if self.value is None else self.value
+        return super().step(u, decay)
+
+    @staticmethod
+    def run(u: Array, decay: Array) -> Array:
+        return _lagged(u, decay, float(u[0])) if len(u) else u
+
+
+@lazy_kernel
+def _lagged(u: Array, decay: Array, start: float) -> Array:
+    y = np.empty_like(u)
+    value = start
+    for i in range(len(u)):
+        value = u[i] + (value - u[i]) * decay[i]
+        y[i] = value
+    return y
+
+
+class Delay(Memory):
+    """`y(t) = u(t - delay_s)`, straight between the steps; before its first input that one is taken."""
+
+    def reset(self) -> None:
+        self.value: deque[tuple[float, float]] = deque()
+
+    def step(self, u: float, t: float, delay_s: float) -> Value:
+        past, then = self.value, t - delay_s
+        past.append((t, u))
+        while len(past) > 1 and past[1][0] <= then:
+            past.popleft()
+        start, before = past[0]
+        if then <= start or len(past) == 1:
+            return before
+        end, after = past[1]
+        return before + (after - before) * (then - start) / (end - start)
+
+    @staticmethod
+    def run(u: Array, t: Array, delay_s: Array) -> Array:
+        return np.interp(t - delay_s, t, u) if len(t) else u
+
+
+class Gap(Memory):
+    """`y <- min(max(y, x - half), x + half)`, from the middle of the gap, and whether it is carried, 1 or 0.
+
+    Within the gap y goes by `decay` a step towards `rest`; with a `rest` of NaN it stays. The play operator
+    of Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989.
+    """
+
+    value = None
+
+    def step(self, x: float, half: float, rest: float, decay: float) -> tuple[float, float]:
+        stays = math.isnan(rest)
+        if self.value is None:
+            self.value = x if stays else min(max(rest, x - half), x + half)
+        free = self.value if stays else rest + (self.value - rest) * decay
+        self.value = min(max(free, x - half), x + half)
+        return self.value, float(self.value != free)
+
+    @staticmethod
+    @lazy_kernel
+    def run(x: Array, half: Array, rest: Array, decay: Array) -> Array:
+        y = np.empty((2, len(x)))
+        value = 0.0
+        for i in range(len(x)):
+            stays = math.isnan(rest[i])
+            if i == 0:
+                value = x[i] if stays else min(max(rest[i], x[i] - half[i]), x[i] + half[i])
+            free = value if stays else rest[i] + (value - rest[i]) * decay[i]
+            value = min(max(free, x[i] - half[i]), x[i] + half[i])
+            y[0, i] = value
+            y[1, i] = 0.0 if value == free else 1.0
+        return y
+
+
+class Oscillator(Memory):
+    """(z, z') of `z'' + 2 d w z' + w^2 z = a`, exact for an acceleration constant over dt.
+
+    ec, es: exp(-d w dt) times cos and sin / w_d of w_d dt. decay: d w. square: w^2.
+    """
+
+    value = (0.0, 0.0)
+
+    def step(self, a: float, ec: float, es: float, decay: float, square: float) -> tuple[float, float]:
+        (z, w), rest = self.value, a / square
+        y = z - rest
+        self.value = rest + (ec + decay * es) * y + es * w, (ec - decay * es) * w - square * es * y
+        return self.value
+
+    @staticmethod
+    @lazy_kernel
+    def run(a: Array, ec: Array, es: Array, decay: Array, square: Array) -> Array:
+        swing = np.empty((2, len(a)))
+        z = w = 0.0
+        for i in range(len(a)):
+            rest = a[i] / square[i]
+            y = z - rest
+            z = rest + (ec[i] + decay[i] * es[i]) * y + es[i] * w
+            w = (ec[i] - decay[i] * es[i]) * w - square[i] * es[i] * y
+            swing[0, i] = z
+            swing[1, i] = w
+        return swing
