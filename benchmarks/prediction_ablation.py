@@ -7,9 +7,11 @@ of next to nothing, so that no fit gives it a share of the force.
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from functools import partial
 from unittest import mock
 
+from forefeel.common.causes.base import Parameter
 from forefeel.common.estimation import blend, contact_model
 from forefeel.common.estimation.evaluator import Snapshot
 from forefeel.common.estimation.learner import Learner
@@ -39,12 +41,13 @@ def _without_members(*names: str) -> AbstractContextManager[object]:
 
 
 def _without_terms(*begins: str) -> AbstractContextManager[object]:
-    part = contact_model._part
+    parameter = contact_model._parameter
 
-    def remaining(name: str) -> float:
-        return _NOTHING if name.startswith(begins) else part(name)
+    def remaining(name: str) -> Parameter:
+        known = parameter(name)
+        return replace(known, explains=_NOTHING) if name.startswith(begins) else known
 
-    return mock.patch.object(contact_model, "_part", remaining)
+    return mock.patch.object(contact_model, "_parameter", remaining)
 
 
 def _variants() -> dict[str, Callable[[], AbstractContextManager[object]]]:

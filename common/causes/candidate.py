@@ -85,7 +85,7 @@ class Candidate:
             factor the residual's rms must grow without it.
         sizes: parameters at whose zero there is no such cause: it is not named while the intervals of all of
             them hold zero; by default the linear ones.
-        picture: the variable in which it shows.
+        picture: as of its effect, where it shows in another variable.
         costly: it has many shapes, and is tried only where more than noise is left.
     """
 
@@ -102,12 +102,13 @@ class Candidate:
     least_score: float = 12.0
     least_ratio: float = 1.1
     sizes: tuple[str, ...] | None = None
-    picture: str = "time"
+    picture: str = ""
     costly: bool = False
 
     def of(self, kind: type[Effect]) -> Self:
         """The form of that cause."""
-        return self if hasattr(self.kind, "name") else replace(self, kind=kind)
+        fitted = self.kind if hasattr(self.kind, "name") else kind
+        return replace(self, kind=fitted, picture=self.picture or kind.picture)
 
     def effect(self, shape: Shape) -> Any:  # noqa: ANN401 - of `kind`
         """The effect at that shape, within its bounds; what the shape does not set is at its default."""

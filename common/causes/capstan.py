@@ -45,7 +45,6 @@ def _by_the_tip(form: str, wrap: str, grid: Grid) -> Modulation:
     return Modulation(
         form=form, coefficients=("preload_n",), shapes=(wrap, "zero_n"), naming=named, making=entries,
         signs=(0,), sizes=(wrap,), grid=grid, by_tip=True, logarithmic=False, mass_site="sensor", costly=True,
-        picture="direction",
     )  # fmt: skip
 
 
@@ -63,6 +62,9 @@ class Capstan(FactorEffect):
         Parameter("wrap_rad", "rad", 0.0, 0.0, 10.0, linear=False),
         Parameter("wrap_rad_m", "rad/m", 0.0, 0.0, 1e5, linear=False),
     )
+    picture = "direction"
+    kin = "friction of the length"
+    rubs = True
     reference = "capstan (Euler-Eytelwein) equation"
     fingerprint = (
         "a jump at each reversal that is everywhere the same share of the force: it opens with depth"

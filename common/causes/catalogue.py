@@ -8,26 +8,26 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 
 from forefeel.common.causes.base import Effect, ForceEffect
-from forefeel.common.causes.candidate import Candidate, Entry, Found, base_name
+from forefeel.common.causes.candidate import Candidate, base_name
 from forefeel.common.causes.generic import MOST_SHAPES, GenericForce
 from forefeel.common.causes.registry import OWN, effect_class, effect_names
 
-DRY = frozenset({"coulomb_friction", "stribeck_friction", "presliding_hysteresis"})
-"""Descriptions of one and the same contact: a model holds at most one of them."""
 
-FRICTION = DRY | {"position_dependent_friction", "capstan"}
-"""Dry friction in any of its descriptions."""
-
-LINEAR_BENDS = frozenset({"time_delay", "sensor_lag", "unmodelled_resonance"})
-"""What turns and scales a force by its frequency."""
-
-KIN = frozenset({"capstan", "position_dependent_friction"}), frozenset({"backlash", "play"})
-"""Names for one and the same thing on a bench, told apart by details: none is another's rival."""
+def kin(name: str) -> str:
+    """The thing on a bench that a cause describes, by the name of one of its forms."""
+    return cause_class(name).kin or base_name(name)
 
 
-def kin(name: str) -> frozenset[str]:
-    """The cause, and what is the same thing on a bench."""
-    return next((names for names in KIN if name in names), frozenset({name}))
+def no_rivals(name: str) -> set[str]:
+    """The causes that are no rivals of one: the same thing on a bench, as all kinds of dry friction are."""
+    rubs, thing = cause_class(name).rubs, kin(name)
+    return {base_name(n) for n in CANDIDATES if kin(n) == thing or (rubs and cause_class(n).rubs)}
+
+
+def cause_class(name: str) -> type[Effect]:
+    """The class of a cause, by the name of one of its forms; one without facts where it is not known."""
+    known = base_name(name)
+    return effect_class(known) if known in OWN or known in CANDIDATES else Effect
 
 
 def _forms(kind: type[Effect]) -> Iterator[tuple[str, Candidate]]:
@@ -52,38 +52,19 @@ def refresh(said: Callable[[str], None] = lambda line: None) -> None:
     CANDIDATES.update(found)
 
 
-def entries(name: str, found: Found) -> list[Entry]:
-    """What a model.yaml says of a cause, by the name of its form."""
-    return CANDIDATES[name].entries(found)
-
-
 def words(name: str) -> str:
     """A cause in everyday words; its name where its effect has none."""
-    return _kind(name).words or name.replace("_", " ")
+    return cause_class(name).words or name.replace("_", " ")
 
 
 def equation(name: str, parameters: Mapping[str, float]) -> tuple[bool, str]:
     """Whether a cause adds a force, and its equation in numbers; its words where it has none of these."""
-    kind = _kind(name)
+    kind = cause_class(name)
     values = {key: f"{value:.3g}" for key, value in parameters.items()}
     for text in kind.equation:
         with suppress(KeyError):
             return issubclass(kind, ForceEffect), text.format_map(values)
     return False, words(name)
-
-
-def fingerprint(name: str) -> str:
-    """What a cause looks like in the residual; empty where its effect does not say."""
-    return _kind(name).fingerprint
-
-
-def remedy(name: str) -> str:
-    """What a bench can do against a cause; empty where nothing is wrong with it."""
-    return _kind(name).remedy
-
-
-def _kind(name: str) -> type[Effect]:
-    return effect_class(name) if name in OWN or name in CANDIDATES else Effect
 
 
 def _installed(said: Callable[[str], None]) -> Iterator[tuple[str, Candidate]]:

@@ -23,11 +23,14 @@ class AsymmetricDamping(ForceEffect):
         Parameter("forward_n_s_m", "N s/m", 0.0, 0.0, 1e6),
         Parameter("backward_n_s_m", "N s/m", 0.0, 0.0, 1e6),
     )
+    picture = "speed"
+    told_by = ("depths",)
+    instead_of = "damping_n_s_m"
     reference = "Janot, Gautier and Brunot, Data Set and Reference Models of EMPS, 2019, asymmetric friction"
     fingerprint = "two slopes over velocity that meet at rest: a share proportional to |v|"
     words = "damping that differs by direction"
     equation = ("{forward_n_s_m} max(x', 0) + {backward_n_s_m} min(x', 0)",)
-    candidates = (Form(mix=((1, -1),), signs=(0,), site="wall", naming=_by_direction, picture="speed"),)
+    candidates = (Form(mix=((1, -1),), signs=(0,), site="wall", naming=_by_direction),)
 
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:
         return m.positive(m.v), m.negative(m.v)
@@ -39,11 +42,13 @@ class QuadraticDrag(ForceEffect):
     name = "quadratic_drag"
     site = "shaft"
     parameters = (Parameter("drag_n_s2_m2", "N s^2/m^2", 0.0, 0.0, 1e9),)
+    picture = "speed"
+    told_by = ("depths",)
     reference = "Newton's law of drag, Batchelor, An Introduction to Fluid Dynamics, 1967"
     fingerprint = "odd in the velocity and growing with its square, without a jump at rest"
     words = "drag with the square of the speed"
     equation = ("{drag_n_s2_m2} x' |x'|",)
-    candidates = (Form(picture="speed"),)
+    candidates = (Form(),)
 
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:
         return (m.v * abs(m.v),)
@@ -58,11 +63,14 @@ class HuntCrossleyDamping(ForceEffect):
     name = "hunt_crossley_damping"
     site = "wall"
     parameters = (Parameter("damping_n_s_m2", "N s/m^2", 0.0, 0.0, 1e9),)
+    picture = "depth"
+    told_by = ("depths",)
+    occasional = True
     reference = "Hunt and Crossley, Coefficient of Restitution Interpreted as Damping, J. Appl. Mech. 42(2)"
     fingerprint = "proportional to speed, and more so the deeper: a loop that widens with depth and speed"
     words = "damping that grows with depth"
     equation = ("{damping_n_s_m2} max(x, 0) x'",)
-    candidates = (Form(picture="depth"),)
+    candidates = (Form(),)
 
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:
         return (m.depth * m.v,)

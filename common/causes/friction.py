@@ -15,11 +15,6 @@ BAND = Parameter("band_m_s", "m/s", BAND_M_S, BAND_M_S, 1e5, linear=False)
 _SHORTEST, _LONGEST, _LENGTHS = 1e-5, 6e-4, 4
 
 
-def wound(motion: MotionGrid, breakaway_m: float) -> Array:
-    """The direction along a motion, with a breakaway distance."""
-    return motion.through(PrandtlElement(), motion.rate * motion.dt / breakaway_m)
-
-
 def breakaways_m(extent: Extent) -> list[Shape]:
     return log_grid(_SHORTEST * extent.stroke_m, _LONGEST * extent.stroke_m, _LENGTHS)
 
@@ -29,6 +24,7 @@ class _AlongDirection(ForceEffect):
     `s <- clip(s + dx / L, -1, 1)`: the stiffness of load cell, holder and asperities.
     """
 
+    rubs = True
     element = PrandtlElement()
 
     @property
@@ -59,6 +55,9 @@ class CoulombFriction(_AlongDirection):
         BREAKAWAY,
     )
     shorthands = {"force_n": ("forward_n", "backward_n")}  # noqa: RUF012 - a ClassVar of the base
+    picture = "speed"
+    kin = "dry friction"
+    told_by = ("speeds", "amplitudes")
     reference = "Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994"
     fingerprint = "two levels by the sign of the velocity: a jump at each reversal, no growth with speed"
     words = "dry friction"
@@ -68,11 +67,11 @@ class CoulombFriction(_AlongDirection):
         "{force_n} sgn(x')",
     )
     candidates = (
-        Form(coefficients=("force_n",), mix=((1, 1),), signs=(1,), picture="speed"),
-        Form(form="asymmetric", naming=_by_direction, sizes=("force_n",), picture="speed"),
+        Form(coefficients=("force_n",), mix=((1, 1),), signs=(1,)),
+        Form(form="asymmetric", naming=_by_direction, sizes=("force_n",)),
         Form(
             form="elastic", coefficients=("force_n",), mix=((1, 1),), shapes=("breakaway_m",), signs=(1,),
-            grid=breakaways_m, costly=True, picture="speed",
+            grid=breakaways_m, costly=True,
         ),
     )  # fmt: skip
 
@@ -100,6 +99,9 @@ class StribeckFriction(_AlongDirection):
         Parameter("stribeck_velocity_m_s", "m/s", 0.005, 1e-9, 1e5, linear=False),
         BREAKAWAY,
     )
+    picture = "speed"
+    kin = "dry friction"
+    told_by = ("speeds",)
     reference = "Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994, Gaussian form"
     fingerprint = "two levels by the sign of the velocity with a peak at low speed that falls with speed"
     words = "dry friction that is larger at low speed"
@@ -112,7 +114,7 @@ class StribeckFriction(_AlongDirection):
     candidates = (
         Form(
             mix=((1, 1), (0, 1)), shapes=("stribeck_velocity_m_s",), grid=_speeds,
-            sizes=("static_n",), picture="speed",
+            sizes=("static_n",),
         ),
         Form(
             form="exponential", mix=((1, 1),), shapes=("stribeck_velocity_m_s",), grid=_speeds,
@@ -121,12 +123,12 @@ class StribeckFriction(_AlongDirection):
                 "stribeck_velocity_m_s": found.shape[0],
             },
             beside=lambda m, shape: [m.direction() * np.exp(-np.abs(m.v) / shape[0])],
-            sizes=("static_n",), picture="speed",
+            sizes=("static_n",),
         ),
         Form(
             form="elastic", mix=((1, 1), (0, 1)), shapes=("stribeck_velocity_m_s", "breakaway_m"),
             grid=lambda e: [(*speed, *length) for speed in _speeds(e)[::2] for length in breakaways_m(e)],
-            sizes=("static_n",), costly=True, picture="speed",
+            sizes=("static_n",), costly=True,
         ),
     )  # fmt: skip
 
@@ -178,20 +180,24 @@ class PreslidingHysteresis(ForceEffect):
         Parameter("force_n", "N", 0.01, 1e-6, 1e4),
         Parameter("stiffness_n_m", "N/m", 50.0, 1e-6, 1e12, linear=False),
     )
+    picture = "reversal"
+    kin = "dry friction"
+    rubs = True
+    told_by = ("amplitudes", "rates")
     reference = "Dahl, A Solid Friction Model, Aerospace Corporation TOR-0158(3107-18)-1, 1968"
     fingerprint = "a curve over the distance since the last reversal that saturates, the same at any speed"
     words = "friction that builds up over a distance after each reversal"
     equation = ("{force_n} u; {force_n} du/dx = {stiffness_n_m} (1 - u sgn(x'))",)
     bristle = Bristle()
     candidates = (
-        Form(values=_unit, grid=_lengths, naming=_sum, sizes=("force_n",), picture="reversal"),
+        Form(values=_unit, grid=_lengths, naming=_sum, sizes=("force_n",)),
         Form(
             form="bristles", signs=(1, 1), values=_unit, beside=_rates, grid=_lengths, naming=_sum,
-            sizes=("force_n",), picture="reversal",
+            sizes=("force_n",),
         ),
         Form(
             form="two", elements=2, signs=(1, 1), values=_unit, grid=lambda extent: two(_lengths(extent, 5)),
-            naming=_sum, sizes=("force_n",), making=_each, picture="reversal",
+            naming=_sum, sizes=("force_n",), making=_each,
         ),
     )  # fmt: skip
 
@@ -207,6 +213,8 @@ class PositionDependentFriction(_AlongDirection):
     name = "position_dependent_friction"
     site = "wall"
     parameters = (Parameter("force_per_length_n_m", "N/m", 0.0, 0.0, 1e6), BREAKAWAY, BAND)
+    picture = "direction"
+    kin = "friction of the length"
     reference = "capstan (Euler-Eytelwein) equation, linearised in the length of contact"
     fingerprint = "a jump at each reversal that is larger the deeper the instrument is"
     words = "friction that grows with the inserted length"
@@ -215,8 +223,8 @@ class PositionDependentFriction(_AlongDirection):
         "{force_per_length_n_m} max(x, 0) sgn(x')",
     )
     candidates = (
-        Form(picture="direction"),
-        Form(form="elastic", shapes=("breakaway_m",), grid=breakaways_m, costly=True, picture="direction"),
+        Form(),
+        Form(form="elastic", shapes=("breakaway_m",), grid=breakaways_m, costly=True),
     )
 
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:

@@ -22,7 +22,7 @@ from forefeel.common.causes.numerics import Array
 def harmonic_parameters(frequency_hz: float, lower_hz: float, upper_hz: float) -> tuple[Parameter, ...]:
     """The parameters of a periodic force whose fundamental lies between these bounds."""
     return (
-        Parameter("amplitude_n", "N", 0.0, 0.0, 1e3),
+        Parameter("amplitude_n", "N", 0.0, 0.0, 1e3, explains=0.15),
         Parameter("frequency_hz", "Hz", frequency_hz, lower_hz, upper_hz, linear=False),
         Parameter("phase_rad", "rad", 0.0, -2.0 * pi, 2.0 * pi, linear=False),
         *(
@@ -38,6 +38,8 @@ def harmonic_parameters(frequency_hz: float, lower_hz: float, upper_hz: float) -
 
 class PeriodicForce(ForceEffect):
     """The force of `Pulsation`; t counts from the caller's own zero."""
+
+    clocked = True
 
     def _configure(self) -> None:
         values = self.values
@@ -110,13 +112,13 @@ class Pulsation(PeriodicForce):
     name = "pulsation"
     site = "wall"
     parameters = harmonic_parameters(1.2, 0.05, 50.0)
+    picture = "period"
+    told_by = ("stillness",)
     reference = "Fourier series of the arterial pulse, McDonald's Blood Flow in Arteries, 6th ed."
     fingerprint = "a line in the spectrum and its harmonics that stay while the operator holds still"
     words = "a periodic force of its own, such as heart beat or breath"
     equation = ("{amplitude_n} sin(2 pi {frequency_hz} t) and harmonics",)
-    candidates = (
-        Periodic(shapes=("frequency_hz",), signs=(0,) * 6, naming=_strongest, making=_wave, picture="period"),
-    )
+    candidates = (Periodic(shapes=("frequency_hz",), signs=(0,) * 6, naming=_strongest, making=_wave),)
 
 
 class MainsHum(PeriodicForce):
@@ -147,6 +149,7 @@ class PositionMap(ForceEffect):
         ),
         Parameter("period_m", "m", 0.01, 1e-9, 1e6, linear=False),
     )
+    picture = "position"
     reference = "Fourier series; gravity of a joint: Armstrong, Khatib and Burdick, ICRA 1986"
     fingerprint = "a curve over position, the same in both directions, at any speed and at rest"
     words = "a force that belongs to the position, such as cogging or a screw's pitch"

@@ -21,7 +21,9 @@ class Bias(ForceEffect):
 
     name = "bias"
     site = "sensor"
-    parameters = (Parameter("force_n", "N", 0.0, -1e4, 1e4),)
+    parameters = (Parameter("force_n", "N", 0.0, -1e4, 1e4, explains=100.0),)
+    told_by = ("no load",)
+    sized_anew = True
     reference = "additive offset of the measurement"
     fingerprint = "a constant level that does not depend on motion or time"
     words = "a constant offset of the load cell"
@@ -47,7 +49,10 @@ class SensorDrift(ForceEffect):
 
     name = "sensor_drift"
     site = "sensor"
-    parameters = (Parameter("rate_n_s", "N/s", 0.0, -1e3, 1e3),)
+    parameters = (Parameter("rate_n_s", "N/s", 0.0, -1e3, 1e3, explains=100.0),)
+    told_by = ("no load",)
+    sized_anew = True
+    clocked = True
     reference = "linear zero drift of the measurement"
     fingerprint = "a straight ramp in time that goes on at rest and at no load"
     words = "a drift of the load cell"
@@ -76,6 +81,10 @@ class SensorLag(SensorEffect):
     name = "sensor_lag"
     linear = True
     parameters = (Parameter("time_constant_s", "s", 0.005, 1e-6, 1e3, linear=False),)
+    picture = "phase"
+    bends = True
+    needs_spring = True
+    told_by = ("frequencies",)
     reference = "first-order low-pass filter, zero-order-hold discretisation"
     fingerprint = "the force follows the motion late, and smaller the higher the frequency"
     words = "a load cell that follows slowly"
@@ -101,6 +110,9 @@ class TimeDelay(SensorEffect):
     name = "time_delay"
     linear = True
     parameters = (Parameter("delay_s", "s", 0.0, 0.0, 10.0, linear=False),)
+    picture = "phase"
+    bends = True
+    told_by = ("frequencies",)
     reference = "pure transport delay"
     fingerprint = "the force follows the motion late by one time at every frequency, and is as large"
     words = "a force that is stamped late against the motion"
@@ -125,6 +137,7 @@ class SensorQuantisation(SensorEffect):
 
     name = "sensor_quantisation"
     parameters = (Parameter("step_n", "N", 1e-6, 1e-12, 1e3, linear=False),)
+    of_its_run = True
     reference = "uniform mid-tread quantiser, Widrow and Kollar, Quantization Noise, 2008"
     fingerprint = "a comb of levels at equal distances in the histogram of the readings"
     words = "coarse steps of the load cell"
@@ -170,6 +183,7 @@ class SensorSpikes(SensorEffect):
         Parameter("duration_s", "s", 0.001, 1e-6, 0.1, linear=False),
         Parameter("seed", "", 0.0, 0.0, 2.0**31, linear=False),
     )
+    of_its_run = True
     reference = "Bernoulli process of additive outliers; hash: Steele, Lea and Flood, SplitMix, OOPSLA 2014"
     fingerprint = "single readings far off their neighbours, at instants that motion does not explain"
     words = "isolated outliers of the load cell"

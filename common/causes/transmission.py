@@ -36,13 +36,16 @@ class Backlash(MotionEffect):
 
     name = "backlash"
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("width_m", "m", 0.0, 0.0, 1e6, linear=False),)
+    picture = "reversal"
+    kin = "play"
+    told_by: ClassVar[Sequence[str]] = ("amplitudes",)
     reference = "Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989, the play operator"
     fingerprint = "after each reversal the force stands still over a constant width of the position"
     words = "play between stage and instrument"
     remedy = "tighten what clamps the instrument to the stage"
     equation: ClassVar[tuple[str, ...]] = ("x behind a play of {width_m} m",)
     candidates: ClassVar[Sequence[Candidate]] = (
-        Transmission(shapes=("width_m",), grid=widths, sizes=("width_m",), picture="reversal"),
+        Transmission(shapes=("width_m",), grid=widths, sizes=("width_m",)),
     )
     gap = Gap()
 
@@ -91,6 +94,7 @@ class Play(Backlash):
     """
 
     name = "play"
+    told_by = ()
     parameters = (
         *Backlash.parameters,
         Parameter("rest_position_m", "m", 0.0, -1e6, 1e6, linear=False),
@@ -108,12 +112,13 @@ class Play(Backlash):
     )
     candidates = (
         Transmission(
-            shapes=("width_m",), grid=widths, sizes=("width_m",), mass_site="sensor", picture="reversal",
+            shapes=("width_m",), grid=widths, sizes=("width_m",), mass_site="sensor",
         ),
         Transmission(
             form="loose", shapes=("width_m", "rest_position_m", "settling_s"), sizes=("width_m",),
             coefficients=("behind_kg",), signs=(1,), grid=_loose_shapes, logarithmic=False,
-            mass_site="sensor", naming=_named, making=_with_mass_behind, costly=True, picture="position",
+            mass_site="sensor", naming=_named, making=_with_mass_behind, costly=True,
+            picture="position",
         ),
     )  # fmt: skip
 

@@ -80,6 +80,9 @@ class UnmodelledResonance(ForceEffect):
         Parameter("frequency_hz", "Hz", 20.0, 0.1, 2e3, linear=False),
         Parameter("damping_ratio", "", 0.05, 1e-4, 0.99, linear=False),
     )
+    picture = "spectrum"
+    bends = True
+    told_by = ("frequencies",)
     reference = "den Hartog, Mechanical Vibrations, chapter 3: the vibration absorber"
     fingerprint = "ringing at one frequency that decays after each change of the motion"
     words = "something flexible that swings: a second mode"
@@ -87,11 +90,10 @@ class UnmodelledResonance(ForceEffect):
     candidates = (
         Mode(
             shapes=_SHAPES, signs=(1,), spectra=_hanging, grid=_modes, making=_absorber, least_ratio=1.25,
-            picture="spectrum",
         ),
         Mode(
             form="free", shapes=_SHAPES, signs=(0, 0), spectra=_free, grid=_modes, making=_absorber,
-            least_ratio=1.25, picture="spectrum",
+            least_ratio=1.25,
         ),
         Alignment(
             form="fixture", shapes=_SHAPES, factor=_weak, grid=_modes, making=_absorber, least_ratio=1.25,

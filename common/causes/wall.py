@@ -27,7 +27,7 @@ class MassDamperSpring(ForceEffect):
     parameters = (
         Parameter("mass_kg", "kg", 0.01, 0.0, 1e4),
         Parameter("damping_n_s_m", "N s/m", 0.1, 0.0, 1e6),
-        Parameter("stiffness_n_m", "N/m", 1.0, 0.0, 1e9),
+        Parameter("stiffness_n_m", "N/m", 1.0, 0.0, 1e9, explains=1.0),
     )
     reference = (
         "Study on Contact Force Prediction for the Vascular Interventional Surgical Robot "
@@ -80,9 +80,12 @@ class Stiffening(ForceEffect):
     name = "stiffening"
     site = "wall"
     parameters = (
-        Parameter("quadratic_n_m2", "N/m^2", 0.0, -1e9, 1e9),
-        Parameter("cubic_n_m3", "N/m^3", 0.0, -1e12, 1e12),
+        Parameter("quadratic_n_m2", "N/m^2", 0.0, -1e9, 1e9, explains=0.1),
+        Parameter("cubic_n_m3", "N/m^3", 0.0, -1e12, 1e12, explains=0.1),
     )
+    picture = "position"
+    told_by = ("depths", "stillness", "repetition")
+    occasional = True
     reference = "polynomial restoring force, Duffing, Erzwungene Schwingungen, 1918"
     fingerprint = "a curve over position, the same on the way in and out and at any speed"
     words = "a spring whose stiffness changes with depth"
@@ -91,11 +94,11 @@ class Stiffening(ForceEffect):
         "{exponential_n} (exp(x/{length_m}) - 1)",
     )
     candidates = (
-        Form(picture="position"),
+        Form(),
         Form(
             form="exponential", kind=ExponentialWall, shapes=("length_m",), naming=_series,
             grid=lambda extent: log_grid(0.12 * extent.reach_m, 1.5 * extent.reach_m, 6),
-            sizes=("exponential_n",), picture="position",
+            sizes=("exponential_n",),
         ),
     )  # fmt: skip
 
@@ -143,6 +146,8 @@ class StressRelaxation(ForceEffect):
         Parameter("stiffness_n_m", "N/m", 1.0, 0.0, 1e9),
         Parameter("time_constant_s", "s", 1.0, 1e-4, 1e4, linear=False),
     )
+    needs_spring = True
+    told_by = ("no load", "rates")
     reference = "Fung, Biomechanics: Mechanical Properties of Living Tissues, 2nd ed., chapter 2"
     fingerprint = (
         "an exponential fading during each hold, of opposite sign after a withdrawal; "
@@ -214,6 +219,9 @@ class StiffnessChange(ForceEffect):
         Parameter("ratio", "", 1.0, 0.0, 1e3, linear=False),
         Parameter("rest_position_m", "m", 0.0, -1e6, 1e6, linear=False),
     )
+    told_by = ("stillness", "repetition")
+    of_its_run = True
+    clocked = True
     reference = "spring with a step in its stiffness; punctures: Okamura et al., IEEE T-BME 51(10), 2004"
     fingerprint = "nothing up to an instant, proportional to position from then on"
     words = "a stiffness that changes at an instant"
@@ -255,6 +263,8 @@ class ContactLoss(ContactEffect):
         Parameter("contact_position_m", "m", 0.0, -1e6, 1e6, linear=False),
         Parameter("release_s", "s", 0.0, 0.0, 1e3, linear=False),
     )
+    picture = "contact"
+    told_by = ("repetition",)
     reference = "Signorini's unilateral contact condition"
     fingerprint = "no force on one side of a position, a kink there, the model's force on the other side"
     words = "contact that begins at a certain position only"
@@ -263,15 +273,15 @@ class ContactLoss(ContactEffect):
         "x from the contact at {contact_position_m} m on",
     )
     candidates = (
-        Transmission(shapes=("contact_position_m",), logarithmic=False, grid=_places, picture="contact"),
+        Transmission(shapes=("contact_position_m",), logarithmic=False, grid=_places),
         Transmission(
             form="carried", shapes=("contact_position_m",), logarithmic=False, grid=_places,
-            mass_site="shaft", picture="contact",
+            mass_site="shaft",
         ),
         Transmission(
             form="pushing", shapes=("contact_position_m", "release_s"), logarithmic=False,
             grid=lambda extent: [(*place, each) for place in _places(extent)[::2] for each in _RELEASES_S],
-            mass_site="shaft", costly=True, picture="contact",
+            mass_site="shaft", costly=True,
         ),
     )  # fmt: skip
 

@@ -10,24 +10,23 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import pi
 
-from forefeel.common.causes.base import ForceEffect
+from forefeel.common.causes.base import Effect, ForceEffect
+from forefeel.common.causes.damping import HuntCrossleyDamping
+from forefeel.common.causes.friction import PositionDependentFriction, PreslidingHysteresis
 from forefeel.common.causes.model import ContactModel, EffectEntry
-from forefeel.common.causes.periodic import PeriodicForce
+from forefeel.common.causes.periodic import PeriodicForce, Pulsation
 from forefeel.common.causes.registry import effect_class
+from forefeel.common.causes.sensor import Bias
+from forefeel.common.causes.wall import ContactLoss, MassDamperSpring, Stiffening, StressRelaxation
 
-OWN = (
-    "contact_loss",
-    "bias",
-    "presliding_hysteresis",
-    "position_dependent_friction",
-    "stress_relaxation",
-    "mass_damper_spring",
-    "stiffening",
-    "hunt_crossley_damping",
-)
+OWN: tuple[type[Effect], ...] = (
+    ContactLoss, Bias, PreslidingHysteresis, PositionDependentFriction, StressRelaxation, MassDamperSpring,
+    Stiffening, HuntCrossleyDamping,
+)  # fmt: skip
 """The causes of `contact_model` but its waves."""
-OF_ITS_RUN = ("sensor_quantisation", "sensor_spikes", "stiffness_change")
-TOLD_ANEW = ("bias", "sensor_drift")
+_SEARCHED: Mapping[type[Effect], str] = {
+    ContactLoss: "contact_position_m", StressRelaxation: "time_constant_s",
+}  # fmt: skip
 _LEAST_RATIO = 0.02  # a harmonic below this part of its fundamental is not told from noise
 _WAVES_HZ = {"heart": (0.6, 3.0), "breath": (0.1, 0.6)}  # of adults at rest and at work
 
@@ -46,44 +45,42 @@ def loaded_causes(model: ContactModel) -> LoadedCauses:
     """What holds for another run."""
     further: list[EffectEntry] = []
     means: dict[str, float] = {}
-    count = Counter(OWN)
-    shared: set[str] = set()
+    count = Counter(kind.name for kind in OWN)
+    shared: set[type[Effect]] = set()
     for entry in model.effects:
         name, kind, values = entry.effect, effect_class(entry.effect), dict(entry.parameters)
         elsewhere = issubclass(kind, ForceEffect) and entry.site not in (None, kind.site)
-        if name in OF_ITS_RUN:
+        if kind.of_its_run:
             continue
         if issubclass(kind, PeriodicForce):
             wave = next(
                 (w for w, (low, high) in _WAVES_HZ.items() if low <= values["frequency_hz"] < high), ""
             )
-            if name == "pulsation" and wave and f"{wave}.frequency_hz" not in means:
+            if kind is Pulsation and wave and f"{wave}.frequency_hz" not in means:
                 means |= _of_wave(wave, values)
             else:
                 further += _sines(entry, values)
-        elif name in OWN and name not in shared and not elsewhere:
-            shared.add(name)
-            means |= _of_shared(name, values) if name not in TOLD_ANEW else {}
+        elif kind in OWN and kind not in shared and not elsewhere:
+            shared.add(kind)
+            means |= {} if kind.sized_anew else _of_shared(kind, values)
         else:
             count[name] += 1
             label = name if count[name] == 1 else f"{name}-{count[name]}"
             further.append(entry)
-            if issubclass(kind, ForceEffect) and name != "sensor_drift":
+            if issubclass(kind, ForceEffect) and (kind in OWN or not kind.sized_anew):
                 means |= {f"{label}.{p.name}": values[p.name] for p in kind.parameters if p.linear}
     return LoadedCauses(tuple(further), means)
 
 
-def _of_shared(name: str, values: Mapping[str, float]) -> dict[str, float]:
-    """Means of a cause that is among `OWN`; a part that is 0 is not known, but for that of a curve."""
-    linear = [p.name for p in effect_class(name).parameters if p.linear]
-    means = {key: values[key] for key in linear if values[key] or name == "stiffening"}
-    if name == "contact_loss":
-        means["contact_position_m"] = values["contact_position_m"]
-    elif name == "presliding_hysteresis":
+def _of_shared(kind: type[Effect], values: Mapping[str, float]) -> dict[str, float]:
+    """Means of a cause that is among `OWN`; a part that is 0 is not known, but for one of either sign."""
+    linear = [p for p in kind.parameters if p.linear]
+    means = {p.name: values[p.name] for p in linear if values[p.name] or p.lower < 0.0}
+    if kind is PreslidingHysteresis:
         means["length_m"] = values["force_n"] / values["stiffness_n_m"]
-    elif name == "stress_relaxation":
-        means["time_constant_s"] = values["time_constant_s"]
-    return {f"{name}.{key}": value for key, value in means.items()}
+    elif kind in _SEARCHED:
+        means[_SEARCHED[kind]] = values[_SEARCHED[kind]]
+    return {f"{kind.name}.{key}": value for key, value in means.items()}
 
 
 def _of_wave(wave: str, values: Mapping[str, float]) -> dict[str, float]:

@@ -18,9 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forefeel.common.causes.base import Effect, ForceEffect, Parameter
+from forefeel.common.causes.damping import HuntCrossleyDamping
+from forefeel.common.causes.friction import PositionDependentFriction, PreslidingHysteresis
 from forefeel.common.causes.model import ContactModel, EffectEntry
-from forefeel.common.causes.periodic import PeriodicForce
+from forefeel.common.causes.periodic import Pulsation
 from forefeel.common.causes.registry import effect_class
+from forefeel.common.causes.sensor import Bias
+from forefeel.common.causes.wall import ContactLoss, MassDamperSpring, Stiffening, StressRelaxation
 from forefeel.common.estimation.contact_loaded import OWN, LoadedCauses, loaded_causes
 from forefeel.common.estimation.contact_prior import CONTACT, ContactPrior, exactly, joined, widened
 
@@ -35,7 +39,8 @@ SHAPE = (
     "position_dependent_friction.band_m_s",
 )
 WAVES = ("heart.amplitude_n", "heart.second_harmonic_n", "breath.amplitude_n")
-_PULSATIONS = "pulsation", *(f"pulsation-{n}" for n in range(2, 2 * len(WAVES) + 1))
+_PULSATIONS = Pulsation.name, *(f"{Pulsation.name}-{n}" for n in range(2, 2 * len(WAVES) + 1))
+_OWN_NAMES = frozenset(kind.name for kind in OWN)
 NOISE = "residual.rms_n"
 _LOGARITHMIC = np.array([False, True, True, False, False, True])
 # A little less than what the causes accept, in m, log m, log s, Hz and log m/s; 2 w_h is a pulsation, too.
@@ -51,17 +56,9 @@ _TYPICAL_SD = (1.5, 1.0, 0.15, 0.05, 1.0)  # of log L, log tau, the two frequenc
 _LEAST_RANGE_M, _LEAST_RATE_S = 1e-4, 10.0
 _LEAST_SPEED_M_S = _LEAST_RANGE_M * _LEAST_RATE_S
 
-# Standard deviations before anything is known, over the spread of the force that a term explains. The spring
-# may explain all of it, and a bias has nothing to do with it. Others less: of the first stroke a breath or a
-# mass explain as much, and then foretell the second one wrongly. Least of all d^2 and d^3, which grow 8 times
-# as a stroke goes twice as far: with 0.3, a run with a loaded cause had 2 times the error of the one before.
-_TERM, _WAVE, _CURVE, _FREE = 0.3, 0.15, 0.1, 100.0
-# Of that, what a cause may explain that a loaded model does not name, for its diagnosis found none. Without,
-# relaxation took half of a loaded resonance's stiffness in the first second: 35 mN rms in place of 6.
+# Part of `Parameter.explains` that is left to a cause that a loaded model does not name: its diagnosis found
+# none. Without, relaxation took half of a loaded resonance's stiffness in the first second: 35 mN rms for 6.
 _UNNAMED = 0.1
-
-OCCASIONAL = ("stiffening", "hunt_crossley_damping")
-"""Causes that take part only where they explain enough."""
 
 
 class MotionExtent(NamedTuple):
@@ -110,7 +107,7 @@ class Causes:
         names: of all parameters: forces, waves by their amplitude, shape, and the rms of what is left.
         forces: of theta: all but the waves, in the order of the names.
         positive: of theta: what a passive contact has with one sign only.
-        occasional: of theta: see `OCCASIONAL`.
+        occasional: of theta: what takes part only where it explains enough.
         cold: standard deviation of each term before anything is known, over the spread of the force.
         least: rms of each regressor below which it says nothing of its term.
     """
@@ -121,12 +118,12 @@ class Causes:
         effects = () if loaded is None else loaded.effects
         kinds = [(entry.effect, effect_class(entry.effect)) for entry in effects]
         walls = [kind for _, kind in kinds if issubclass(kind, ForceEffect) and kind.site == "wall"]
-        self._gated = not walls or any(name == "contact_loss" for name, _ in kinds)
+        self._gated = not walls or any(kind is ContactLoss for _, kind in kinds)
         # By them a factor knows the sign of the force.
         self._linear: dict[str, dict[str, float]] = {}
         for name, value in self._loaded.means.items():
             effect, _, parameter = name.partition(".")
-            if effect in OWN and any(
+            if effect in _OWN_NAMES and any(
                 p.linear and p.name == parameter for p in effect_class(effect).parameters
             ):
                 self._linear.setdefault(effect, {})[parameter] = value
@@ -137,11 +134,11 @@ class Causes:
         self.forces = [i for i in range(len(self.linear)) if i not in waves]
         self.names = (*(self.linear[i] for i in self.forces), *WAVES, *SHAPE, NOISE)
         self.positive = tuple(i for i in self.forces if _parameter(self.linear[i]).lower >= 0.0)
-        self.cold = np.array([_part(name) for name in self.linear])
+        self.cold = np.array([_parameter(name).explains for name in self.linear])
         self.least = np.array([_least_rms(_parameter(name).unit) for name in self.linear])
         if loaded is not None:
             self.cold[[i for i, name in enumerate(self.linear) if self._unnamed(name)]] *= _UNNAMED
-        self.occasional = tuple(i for i, name in enumerate(self.linear) if name.startswith(OCCASIONAL))
+        self.occasional = tuple(i for i, name in enumerate(self.linear) if _kind(name).occasional)
 
     def model(self, shape: Array, origin_s: float) -> ContactModel:
         """The causes at that shape, the contact first where it can be lost; a wave's sine is 0 at the
@@ -149,29 +146,29 @@ class Causes:
         """
         contact_m, length_m, time_s, heart_hz, breath_hz, band_m_s = shape_values(shape).tolist()
         waves = [
-            EffectEntry("pulsation", (("frequency_hz", hz), ("phase_rad", _phase_rad(lead, hz, origin_s))))
+            EffectEntry(Pulsation.name, (("frequency_hz", hz), ("phase_rad", _phase_rad(lead, hz, origin_s))))
             for hz in (heart_hz, 2.0 * heart_hz, breath_hz)
             for lead in (0.0, 0.25)
         ]
         friction_n = self._loaded.means.get("presliding_hysteresis.force_n", 1.0)
         hysteresis = {"force_n": friction_n, "stiffness_n_m": friction_n / length_m}
-        gate = (self._entry("contact_loss", contact_position_m=contact_m),) if self._gated else ()
+        gate = (self._entry(ContactLoss, contact_position_m=contact_m),) if self._gated else ()
         entries = (
             *gate,
-            self._entry("bias"),
-            self._entry("presliding_hysteresis", **hysteresis),
-            self._entry("position_dependent_friction", band_m_s=band_m_s),
-            self._entry("stress_relaxation", time_constant_s=time_s),
-            self._entry("mass_damper_spring"),
-            self._entry("stiffening"),
-            self._entry("hunt_crossley_damping"),
+            self._entry(Bias),
+            self._entry(PreslidingHysteresis, **hysteresis),
+            self._entry(PositionDependentFriction, band_m_s=band_m_s),
+            self._entry(StressRelaxation, time_constant_s=time_s),
+            self._entry(MassDamperSpring),
+            self._entry(Stiffening),
+            self._entry(HuntCrossleyDamping),
             *waves,
             *self._loaded.further,
         )
         return ContactModel("contact", entries)
 
-    def _entry(self, effect: str, **values: float) -> EffectEntry:
-        return EffectEntry(effect, tuple((self._linear.get(effect, {}) | values).items()))
+    def _entry(self, kind: type[Effect], **values: float) -> EffectEntry:
+        return EffectEntry(kind.name, tuple((self._linear.get(kind.name, {}) | values).items()))
 
     def _unnamed(self, linear: str) -> bool:
         """Whether it is of a cause that the loaded model has looked for in vain."""
@@ -180,7 +177,7 @@ class Causes:
             wave = WAVES[_PULSATIONS.index(effect) // 2].partition(".")[0]
             return f"{wave}.frequency_hz" not in self._loaded.means
         named = {name.partition(".")[0] for name in self._loaded.means}
-        return effect in OWN and effect != "bias" and effect not in named
+        return effect in _OWN_NAMES and effect != "bias" and effect not in named
 
     def with_loaded(self, prior: ContactPrior | None) -> ContactPrior | None:
         """The prior, and of the loaded model what the prior does not know."""
@@ -244,19 +241,6 @@ def shape_slopes(shape: Array) -> Array:
 
 def _phase_rad(lead_turns: float, frequency_hz: float, origin_s: float) -> float:
     return 2.0 * pi * remainder(lead_turns - frequency_hz * origin_s, 1.0)
-
-
-def _part(name: str) -> float:
-    """Of the force's spread, what a term may explain before anything is known."""
-    if issubclass(_kind(name), PeriodicForce):
-        return _WAVE
-    if name.startswith("stiffening"):
-        return _CURVE
-    return {
-        "bias.force_n": _FREE,
-        "sensor_drift.rate_n_s": _FREE,
-        "mass_damper_spring.stiffness_n_m": 1.0,
-    }.get(name, _TERM)
 
 
 def _least_rms(unit: str) -> float:

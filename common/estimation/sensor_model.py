@@ -7,6 +7,7 @@ from forefeel.common.causes.base import SensorEffect
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.motion import MotionSample
 from forefeel.common.causes.registry import effect_class
+from forefeel.common.causes.sensor import SensorSaturation
 
 Sense = Callable[[float, float, float], float]
 """(t s, force N, dt s) -> reading in N."""
@@ -26,7 +27,7 @@ class SensorModel:
             kind, values = effect_class(entry.effect), dict(entry.parameters)
             if issubclass(kind, SensorEffect) and kind.linear:
                 self._linear.append((kind, values))
-            elif kind.name == "sensor_saturation":
+            elif kind is SensorSaturation:
                 self.limit_n = min(self.limit_n, values["limit_n"])
 
     def line(self) -> Sense:

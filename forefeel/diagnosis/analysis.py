@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from forefeel.common.causes.candidate import Model, base_name
+from forefeel.common.causes.sensor import SensorQuantisation, SensorSpikes
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
@@ -45,9 +46,9 @@ class Analysis:
         """Of the sensor, but for the impacts at the end of a play and steps that are finer than the noise."""
         kept = []
         for fault in self.cleaned.faults:
-            if fault.name == "sensor_spikes" and _are_impacts(self):
+            if fault.name == SensorSpikes.name and _are_impacts(self):
                 continue
-            if fault.name == "sensor_quantisation" and fault.explained_n < 0.4 * self.residual_rms_n:
+            if fault.name == SensorQuantisation.name and fault.explained_n < 0.4 * self.residual_rms_n:
                 continue
             kept.append(fault)
         return tuple(kept)

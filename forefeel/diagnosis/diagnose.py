@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from forefeel.common.causes.candidate import ReadingColumns, base_name
-from forefeel.common.causes.catalogue import CANDIDATES, refresh
+from forefeel.common.causes.catalogue import CANDIDATES, cause_class, refresh
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
@@ -185,5 +184,4 @@ def _unclocked() -> list[str]:
     """The causes that are the same in every recording of a bench; recordings share no clock, so what has an
     instant or a phase of its own is not searched.
     """
-    clocked = {n for n, each in CANDIDATES.items() if isinstance(each, ReadingColumns) and n != "bias"}
-    return [name for name in CANDIDATES if name not in clocked and base_name(name) != "stiffness_change"]
+    return [name for name in CANDIDATES if not cause_class(name).clocked]

@@ -5,7 +5,7 @@ resists.
 """
 
 from forefeel.common.causes.candidate import Entry, Found, entry
-from forefeel.common.causes.catalogue import entries
+from forefeel.common.causes.catalogue import CANDIDATES, cause_class
 from forefeel.common.causes.model import SCHEMA, ContactModel
 from forefeel.common.causes.registry import OWN
 from forefeel.common.causes.wall import MassDamperSpring
@@ -25,15 +25,15 @@ def extended_model(analysis: Analysis, name: str) -> ContactModel:
         )
     base = fit.coefficients[:3] * regression.sense
     found = _base(fit, *map(float, base))
-    for cause, shape in fit.model.items():
-        own = fit.of(cause) * regression.sense
-        found += entries(cause, Found(own, shape, base, regression.signals.origin_s))
+    for form, shape in fit.model.items():
+        own = fit.of(form) * regression.sense
+        found += CANDIDATES[form].entries(Found(own, shape, base, regression.signals.origin_s))
     found += [_sensor(fault) for fault in analysis.faults]
     return ContactModel.from_mapping({"schema": SCHEMA, "name": name, "effects": found})
 
 
 def _base(fit: ModelFit, mass: float, damping: float, stiffness: float) -> list[Entry]:
-    if "asymmetric_damping" in fit.model:  # which says all of the damping
+    if any(cause_class(name).instead_of == "damping_n_s_m" for name in fit.model):
         damping = 0.0
     site = mass_site(fit.model)
     if site == "wall":

@@ -1,11 +1,15 @@
 """What a motion can tell at all, and which motion would tell rivals apart."""
 
+from collections import Counter
 from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
-from forefeel.common.causes.catalogue import LINEAR_BENDS
+from forefeel.common.causes.catalogue import cause_class
+from forefeel.common.causes.friction import CoulombFriction, PreslidingHysteresis
+from forefeel.common.causes.sensor import SensorDrift, SensorLag
+from forefeel.common.causes.wall import StressRelaxation
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.signals import Signals
 
@@ -16,23 +20,20 @@ _ALIKE = 1.2  # ratio of frequencies and of sizes within which two lines are one
 _STEADY = 0.06
 _RINGING = 0.2  # of the speed: 0.09 of a jump (Gibbs), which is twice the speed where a stroke turns
 
-_SEPARATING: tuple[tuple[set[str], str], ...] = (
-    ({"coulomb_friction", "stribeck_friction"},
-     "strokes at speeds from well below to well above the slowest so far, 0.1 to 10 mm/s"),
-    ({"coulomb_friction", "backlash", "presliding_hysteresis"},
-     "strokes of several amplitudes at one speed, some shorter than the width in question"),
-    ({"time_delay", "sensor_lag", "unmodelled_resonance"},
-     "sines of one amplitude at three or more frequencies, 0.5 to 15 Hz"),
-    ({"stress_relaxation", "sensor_drift", "bias"}, "a step, a hold of 30 s, then back to no load for 30 s"),
-    ({"stress_relaxation", "presliding_hysteresis"}, "the same stroke at three speeds"),
-    ({"stiffening", "hunt_crossley_damping", "asymmetric_damping", "quadratic_drag"},
-     "the same strokes, slow and fast, to several depths"),
-    ({"pulsation", "stiffening", "stiffness_change"}, "a hold of 20 s at one position"),
-    ({"stiffness_change", "stiffening", "contact_loss"}, "the same positions again, later"),
-)  # fmt: skip
-RIVALS_AT_ONE_SPEED = "presliding_hysteresis", "stress_relaxation", "sensor_lag"
+_SEPARATING = {
+    "speeds": "strokes at speeds from well below to well above the slowest so far, 0.1 to 10 mm/s",
+    "amplitudes": "strokes of several amplitudes at one speed, some shorter than the width in question",
+    "frequencies": "sines of one amplitude at three or more frequencies, 0.5 to 15 Hz",
+    "no load": "a step, a hold of 30 s, then back to no load for 30 s",
+    "rates": "the same stroke at three speeds",
+    "depths": "the same strokes, slow and fast, to several depths",
+    "stillness": "a hold of 20 s at one position",
+    "repetition": "the same positions again, later",
+}
+"""Motions that tell causes apart, by the words of their `told_by`."""
+RIVALS_AT_ONE_SPEED = PreslidingHysteresis.name, StressRelaxation.name, SensorLag.name
 """Of strokes of one speed: the time since a reversal and the way since then are one column there."""
-RIVALS_AT_CONSTANT_SPEED = "coulomb_friction", "sensor_drift", "stress_relaxation"
+RIVALS_AT_CONSTANT_SPEED = CoulombFriction.name, SensorDrift.name, StressRelaxation.name
 GENERAL_MOTION = (
     "strokes of several amplitudes and speeds in both directions, with holds; or a multi-sine of 0.2 to 15 Hz"
 )
@@ -43,10 +44,11 @@ NOISE_TELLING_MOTION = (
 
 def separating_motion(names: set[str]) -> str:
     """The motion that separates rivals, after the table of confusable pairs."""
-    best = max(_SEPARATING, key=lambda row: len(row[0] & names))
-    if len(best[0] & names) >= 2:
-        return best[1]
-    if names & (LINEAR_BENDS | {"stress_relaxation"}):
+    count = Counter(motion for name in names for motion in cause_class(name).told_by)
+    best = max(_SEPARATING, key=lambda motion: count[motion])
+    if count[best] >= 2:
+        return _SEPARATING[best]
+    if any(cause_class(name).bends for name in names) or StressRelaxation.name in names:
         return "a multi-sine of 0.2 to 15 Hz, and a hold of 30 s"
     return GENERAL_MOTION
 

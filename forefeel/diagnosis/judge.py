@@ -6,8 +6,10 @@ from functools import cached_property
 import numpy as np
 
 from forefeel.common.causes.candidate import base_name
-from forefeel.common.causes.catalogue import CANDIDATES, FRICTION, LINEAR_BENDS, kin
+from forefeel.common.causes.catalogue import CANDIDATES, cause_class, no_rivals
+from forefeel.common.causes.periodic import Pulsation
 from forefeel.common.causes.registry import effect_class
+from forefeel.common.causes.sensor import SensorLag, SensorQuantisation
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.held_out import gain, held_out_errors
@@ -38,7 +40,6 @@ _AS_GOOD = 0.03  # lower end of the held-out gain over a rival, or over none, up
 _MOST_RIVALS = 3
 # share of the strokes' force that mass, damper and spring explain, and by how much more than of all of it
 _STROKES_EXPLAINED, _MORE_THAN_WHOLE = 0.8, 0.04
-_LATE_DAMPERS = frozenset({"stress_relaxation", "sensor_lag"})
 _SLOWEST_CELL_S = 0.1  # a quarter of the time in which an HX711 settles at 10 samples a second (data sheet)
 SLOW = "slow_force"
 _FORETOLD = 0.3
@@ -164,8 +165,8 @@ class Judge:
         if not slower or seen.spring_in_band < max(_STROKES_EXPLAINED, seen.spring + _MORE_THAN_WHOLE):
             return False
         name = self._largest
-        among_the_strokes = name == "pulsation" and self.fit.model[name][0] > seen.slow_hz
-        return name is None or among_the_strokes or base_name(name) in LINEAR_BENDS
+        among_the_strokes = name == Pulsation.name and self.fit.model[name][0] > seen.slow_hz
+        return name is None or among_the_strokes or cause_class(name).bends
 
     def _not_driven(self) -> bool:
         """Whether the force's own past tells more of it than the motion does."""
@@ -179,7 +180,7 @@ class Judge:
         """Whether much of what a spring, a damper, a mass and a bias leave is left by the causes, too, and is
         no noise.
         """
-        if any(fault.name == "sensor_quantisation" for fault in self.faults):
+        if any(fault.name == SensorQuantisation.name for fault in self.faults):
             return False
         if self._pulses_with_depth:
             return True
@@ -245,7 +246,7 @@ class Judge:
         for name in self.fit.model:
             rivals = [
                 (trial.score, base_name(other))
-                for other, trial in self._replacements(name, taken | _claim(name))
+                for other, trial in self._replacements(name, taken | no_rivals(name))
                 if trial.score < self.fit.score + _RIVAL
                 and not (name == "bias" and CANDIDATES[other].costly)  # it may hold a constant itself
             ]
@@ -260,7 +261,7 @@ class Judge:
         if largest is None:
             return ()
         rivals = []
-        for other, trial in self._replacements(largest, _claim(largest) | {"bias"}):
+        for other, trial in self._replacements(largest, no_rivals(largest) | {"bias"}):
             against = gain(self.regression, held_out_errors(self.regression, trial), self.after)
             if against.gain_low <= _AS_GOOD:
                 rivals.append((against.rmse_before_n, base_name(other)))
@@ -292,10 +293,10 @@ class Judge:
         lag where a contact that relaxes gives the same force along every motion.
         """
         mass, damping, stiffness = (self.parameters[""][size] for size in BASE)
-        if base_name(name) in _LATE_DAMPERS and stiffness.low <= 0.0:
+        if cause_class(name).needs_spring and stiffness.low <= 0.0:
             return True
         values = self.parameters[base_name(name)]
-        if name == "sensor_lag":
+        if name == SensorLag.name:
             # (m s^2 + b s + k) / (1 + tau s) is the spring k, a damper m / tau, and a Maxwell branch of
             # (b - m / tau) / tau - k: where that is positive, it is no proof of a slow cell
             tau_s = values["time_constant_s"].value
@@ -382,11 +383,6 @@ class Judge:
             held,
             suspected=tuple(sorted(suspected)),
         )
-
-
-def _claim(name: str) -> frozenset[str]:
-    """What is no rival of a cause: the same thing on a bench, as all kinds of dry friction are."""
-    return FRICTION if base_name(name) in FRICTION else kin(base_name(name))
 
 
 def _group(name: str, rivals: Iterable[tuple[float, str]]) -> list[tuple[str, ...]]:

@@ -21,6 +21,9 @@ from itertools import pairwise
 import numpy as np
 
 from forefeel.common.causes.candidate import base_name
+from forefeel.common.causes.periodic import MainsHum
+from forefeel.common.causes.sensor import SensorQuantisation, SensorSpikes
+from forefeel.common.causes.wall import StiffnessChange
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis, Progress, analyse
@@ -85,7 +88,7 @@ def _merged(found: list[tuple[Cause, float]], total_s: float) -> Cause | None:
     """One fault of all chunks; a comb or a line that most of the chunks lack is none."""
     longest, covered = max(found, key=lambda pair: pair[1])[0], sum(duration for _, duration in found)
     share = covered / total_s
-    if longest.name in ("sensor_quantisation", "mains_hum") and share < 0.5:
+    if longest.name in (SensorQuantisation.name, MainsHum.name) and share < 0.5:
         return None
     parameters = {
         key: _together([fault.parameters[key] for fault, _ in found], share if key == "rate_hz" else 1.0)
@@ -112,7 +115,7 @@ _CHUNKS, _CHUNK_S = 16.0, (10.0, 60.0)  # chunks of a recording, and bounds of t
 _SPREAD, _WORST = 6, 3  # short stretches over the whole length, and in the worst chunks
 _MORE, _MUCH_MORE = 1.15, 1.5  # times the stretch's rms, of all chunks and of the worst
 _LEAST_ROWS = 50  # of a chunk that is compared
-_CHANGE = "stiffness_change"
+_CHANGE = StiffnessChange.name
 _RARE_S = 300.0  # s in which faults are looked for at once, for some are rare
 
 
@@ -153,11 +156,11 @@ def analyse_long(
     chunks = chunks_of(recording, float(np.clip(recording.duration_s / _CHUNKS, *_CHUNK_S)))
     whole = Whole(cleaned, unusable, chunks, progress, names, parts_s)
     found = whole.searched()
-    if any(fault.name == "sensor_spikes" for fault in faults):
+    if any(fault.name == SensorSpikes.name for fault in faults):
         raw = Whole(recording, unusable, chunks, progress, names, parts_s)
         if raw.rms_n(found) < whole.rms_n(found):  # pulses that the motion explains are no spikes
             found = raw.searched()
-            faults = [fault for fault in faults if fault.name != "sensor_spikes"]
+            faults = [fault for fault in faults if fault.name != SensorSpikes.name]
     known = {fault.name for fault in found.cleaned.faults}
     found.cleaned.faults.extend(fault for fault in faults if fault.name not in known)
     return found

@@ -11,8 +11,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from forefeel.common.causes.candidate import Spectrum
-from forefeel.common.causes.friction import wound
-from forefeel.common.causes.motion import MotionGrid, SettledLag
+from forefeel.common.causes.motion import MotionGrid, PrandtlElement, SettledLag
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.signals import Signals
 from forefeel.diagnosis.verdict import Family, Look
@@ -105,7 +104,8 @@ def explained_share(force: Floats, predicted: Floats) -> float:
 def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
     low, high = np.quantile(motion.x, (0.05, 0.95))
     depth = (motion.x - 0.5 * (low + high)) / max(high - low, 1e-300)
-    dry = [motion.direction(), *(wound(motion, share * max(high - low, 1e-300)) for share in _PRESLIDING)]
+    steps = motion.rate * motion.dt / max(high - low, 1e-300)
+    dry = [motion.direction(), *(motion.through(PrandtlElement(), steps / share) for share in _PRESLIDING)]
     base = [signals.linear_spectrum(derivative) for derivative in (2, 1, 0)]
     rows = signals.rows
     if _HEAVIEST_KG * np.std(signals.column(base[0])[rows]) < np.std(signals.force[rows]):

@@ -8,7 +8,8 @@ from scipy.optimize import minimize_scalar
 
 from forefeel.common.causes.candidate import Shape, base_name
 from forefeel.common.causes.motion import Motion
-from forefeel.common.causes.periodic import PositionMap
+from forefeel.common.causes.periodic import PositionMap, Pulsation
+from forefeel.common.causes.unmodelled_resonance import UnmodelledResonance
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 
@@ -85,7 +86,7 @@ class Periods:
 
     def resolved(self, name: str, shape: Shape) -> bool:
         """Whether the motion has frequencies within a mode's width; one that repeats has harmonics only."""
-        if base_name(name) != "unmodelled_resonance":
+        if base_name(name) != UnmodelledResonance.name:
             return True
         period_s = self._motion_period_s
         reach_hz = self.regression.signals.motion_reach_hz
@@ -115,11 +116,11 @@ class Periods:
 
     def echo(self, fit: ModelFit) -> bool:
         """Whether most of the pulses' power is at harmonics of a motion that repeats."""
-        period_s, (frequency_hz,) = self._motion_period_s, fit.model["pulsation"]
+        period_s, (frequency_hz,) = self._motion_period_s, fit.model[Pulsation.name]
         if period_s is None:
             return False
         periods = self.regression.extent.duration_s / period_s
-        power = np.sum(fit.of("pulsation").reshape(-1, 2) ** 2, axis=1)
+        power = np.sum(fit.of(Pulsation.name).reshape(-1, 2) ** 2, axis=1)
         cycles = frequency_hz * np.arange(1, len(power) + 1) * period_s
         # of few periods only what lies closer than a line is wide counts, or all would be harmonics
         width = (1.5 if periods >= _MANY else 0.5) / periods

@@ -17,6 +17,7 @@ from scipy.optimize import nnls
 from forefeel.common.causes.candidate import Model
 from forefeel.common.causes.motion import SettledLag
 from forefeel.common.causes.numerics import intervals_s
+from forefeel.common.causes.wall import StressRelaxation
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis, fitted_elsewhere
@@ -145,7 +146,7 @@ def _known(found: Separable, sense: float) -> bool:
 def _coefficients(found: Separable) -> tuple[Model, list[float]]:
     """The model, its mass, damping, stiffness and bias, and each branch with nothing of an earlier stroke."""
     shape = tuple(map(float, np.exp(found.log_shape)))
-    name = "stress_relaxation:two" if len(shape) == 2 else "stress_relaxation"
+    name = "stress_relaxation:two" if len(shape) == 2 else StressRelaxation.name
     branches = [value for size in found.theta[2:] for value in (size, 0.0)]
     return {"bias": (), **({name: shape} if shape else {})}, [0.0, 0.0, *found.theta[:2], *branches]
 
@@ -158,7 +159,7 @@ def _relaxation(found: Separable, sense: float, held: HeldOut) -> Cause:
         ends = np.exp(found.log_shape[i] + doubts[i] * np.array([0.0, -1.0, 1.0]))
         parameters[time] = Interval(*map(float, ends))
     words = "the force of the hold fades as a Prony series that foretells every second part of it"
-    return Cause.fitted("stress_relaxation", parameters, 0.0, held, words)
+    return Cause.fitted(StressRelaxation.name, parameters, 0.0, held, words)
 
 
 def _model(found: Separable, errors: Floats, hold: Hold, sense: float) -> ModelError:

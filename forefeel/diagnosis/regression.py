@@ -29,11 +29,16 @@ from forefeel.common.causes.candidate import (
     Transmission,
     base_name,
 )
-from forefeel.common.causes.catalogue import CANDIDATES, kin
+from forefeel.common.causes.catalogue import CANDIDATES, cause_class
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.motion import MotionGrid
 from forefeel.common.causes.numerics import intervals_s
-from forefeel.common.causes.unmodelled_resonance import HIGHEST_MODE, MOST_DAMPED
+from forefeel.common.causes.transmission import Backlash
+from forefeel.common.causes.unmodelled_resonance import (
+    HIGHEST_MODE,
+    MOST_DAMPED,
+    UnmodelledResonance,
+)
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.look import look
 from forefeel.diagnosis.noise import Noise, white
@@ -230,7 +235,7 @@ class RecordingRegression:
     def no_peak(self, model: Model) -> bool:
         """Whether a mode in the model is too damped, or too near the end of the band, to be known by it."""
         highest = HIGHEST_MODE * self.signals.cutoff_hz
-        modes = [s for n, s in model.items() if n.startswith("unmodelled_resonance")]
+        modes = [s for n, s in model.items() if base_name(n) == UnmodelledResonance.name]
         return any(s[0] > highest or s[1] > MOST_DAMPED for s in modes)
 
     def _normal(self, blocks: Sequence["Block"]) -> tuple[Floats, Floats]:
@@ -388,7 +393,7 @@ class RecordingRegression:
     def _plays_on_both_sides(self, model: Model) -> bool:
         """Whether the instrument lies against each side of a play for a while: else it is a wall's begin."""
         for name, shape in model.items():
-            if base_name(name) in kin("play"):
+            if issubclass(cause_class(name), Backlash):
                 behind = self.motion({name: shape}).x - self._motion.x
                 shares = [float(np.mean(side * behind > 0.49 * shape[0])) for side in (1.0, -1.0)]
                 if min(shares) < _LEAST_SIDE:

@@ -9,6 +9,7 @@ held-out blocks. Where it gains clearly, something is there that no named cause 
 import numpy as np
 
 from forefeel.common.causes.motion import Lag, MotionGrid
+from forefeel.common.causes.periodic import Pulsation
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.held_out import columns, gain, held_out
 from forefeel.diagnosis.noise import NoiseFloor
@@ -110,9 +111,9 @@ def modulation_gain(regression: RecordingRegression, fit: ModelFit) -> HeldOut |
 
     The vocabulary's pulsation is a force of its own: one that grows with the depth is something else.
     """
-    if "pulsation" not in fit.model:
+    if Pulsation.name not in fit.model:
         return None
-    t, (frequency_hz,) = regression.signals.t, fit.model["pulsation"]
+    t, (frequency_hz,) = regression.signals.t, fit.model[Pulsation.name]
     depth = regression.block(fit.model, "", ())[:, 2]
     phase = 2.0 * np.pi * frequency_hz * t
     extra = np.column_stack([depth * np.sin(phase), depth * np.cos(phase)])

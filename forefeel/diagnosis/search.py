@@ -7,7 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from forefeel.common.causes.candidate import Model, Periodic, PositionWave, Shape, base_name
-from forefeel.common.causes.catalogue import CANDIDATES, DRY, kin
+from forefeel.common.causes.catalogue import CANDIDATES, kin
+from forefeel.common.causes.unmodelled_resonance import UnmodelledResonance
 from forefeel.diagnosis.refine import Refiner
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 
@@ -83,7 +84,7 @@ class Search(Refiner):
         """Levels that differ by direction are an offset of the cell where the recording can not tell them
         apart.
         """
-        others = "coulomb_friction", "bias"
+        others = base_name(ASYMMETRIC), "bias"
         if ASYMMETRIC not in fit.model or "bias" in fit.model or not set(others) <= set(self.names):
             return fit
         rest = {name: shape for name, shape in fit.model.items() if name != ASYMMETRIC}
@@ -146,7 +147,7 @@ class Search(Refiner):
             return self.periods.lines(fit)
         if isinstance(CANDIDATES[name], PositionWave):
             return self.periods.over_position(fit)
-        if base_name(name) == "unmodelled_resonance":
+        if base_name(name) == UnmodelledResonance.name:
             return [
                 s for s in CANDIDATES[name].grid(self.regression.extent) if self.periods.resolved(name, s)
             ]
@@ -192,9 +193,7 @@ class Search(Refiner):
         """Whether neither a form of that name nor another description of the same contact is in the model
         yet.
         """
-        taken = {base_name(other) for other in fit.model}
-        own = base_name(name)
-        return not kin(own) & taken and not (own in DRY and taken & DRY)
+        return kin(name) not in map(kin, fit.model)
 
     def worth(self, more: ModelFit, less: ModelFit) -> bool:
         """Whether the larger model is better by likelihood and in size."""

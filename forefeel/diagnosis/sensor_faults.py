@@ -13,6 +13,8 @@ from scipy.optimize import minimize_scalar
 from scipy.signal import firwin, upfirdn
 from scipy.stats import ks_2samp
 
+from forefeel.common.causes.periodic import MainsHum
+from forefeel.common.causes.sensor import SensorQuantisation, SensorSaturation, SensorSpikes
 from forefeel.common.error_size import Floats
 from forefeel.common.events.text import shown_unit
 from forefeel.common.recording.recording import Recording
@@ -52,7 +54,7 @@ def clean(recording: Recording) -> Cleaned:
     if step is not None:
         words = f"the force takes only {len(np.unique(force))} values, multiples of one step"
         parameters = {"step_n": Interval.about(step, 0.0005 * step)}
-        cleaned.faults.append(Cause.on_readings("sensor_quantisation", parameters, words, step / 12.0**0.5))
+        cleaned.faults.append(Cause.on_readings(SensorQuantisation.name, parameters, words, step / 12.0**0.5))
     _spikes(cleaned, recording, step)
     _mains(cleaned, recording)
     return cleaned
@@ -96,7 +98,9 @@ def _saturation(cleaned: Cleaned, step: float | None) -> None:
             f"{' and '.join(f'{x:.4g}' for x in found)} {shown_unit('N')}"
         )
         parameters = {"limit_n": Interval.about(limit, spread)}
-        cleaned.faults.append(Cause.on_readings("sensor_saturation", parameters, words, share * (high - low)))
+        cleaned.faults.append(
+            Cause.on_readings(SensorSaturation.name, parameters, words, share * (high - low))
+        )
 
 
 def _piled(force: Floats, top: float, step: float | None) -> Mask | None:
@@ -142,7 +146,7 @@ def _mains(cleaned: Cleaned, recording: Recording) -> None:
             "amplitude_n": Interval.about(amplitude, 1.96 * amplitude / level),
         }
         words = f"a line at {frequency:.2f} Hz, {level:.0f} times what is beside it, absent from the motion"
-        cleaned.faults.append(Cause.on_readings("mains_hum", parameters, words, float(np.std(wave))))
+        cleaned.faults.append(Cause.on_readings(MainsHum.name, parameters, words, float(np.std(wave))))
 
 
 def _line(t: Floats, values: Floats, nominal: float, reach: float = 0.7) -> tuple[float, float] | None:
@@ -236,7 +240,7 @@ def _spikes(cleaned: Cleaned, recording: Recording, step_n: float | None) -> Non
         f"{amplitude / usual:.0f} times the usual distance from their neighbours"
     )
     rms_n = float(np.sqrt(np.mean((force - without) ** 2)))
-    cleaned.faults.append(Cause.on_readings("sensor_spikes", parameters, words, rms_n))
+    cleaned.faults.append(Cause.on_readings(SensorSpikes.name, parameters, words, rms_n))
     cleaned.force_n, cleaned.spikes = without, where
 
 

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field
 from math import sqrt
 from typing import Literal
 
-from forefeel.common.causes.catalogue import fingerprint
+from forefeel.common.causes.catalogue import cause_class
 
 SCHEMA = "forefeel.diagnosis/2"
 
@@ -73,14 +73,18 @@ class Cause:
     ) -> "Cause":
         """Of a model; `own`: without it and with it."""
         before_n, after_n = own.rmse_before_n, own.rmse_after_n
-        evidence = Evidence(fingerprint(name), likelihood, own.gain, own.gain_low, own.gain_high, words)
+        evidence = Evidence(
+            cause_class(name).fingerprint, likelihood, own.gain, own.gain_low, own.gain_high, words
+        )
         explained_n = sqrt(max(before_n**2 - after_n**2, 0.0))
         return cls(name, parameters, evidence, before_n - after_n, explained_n)
 
     @classmethod
     def on_readings(cls, name: str, parameters: dict[str, Interval], words: str, rms_n: float) -> "Cause":
         """A fault of the sensor, of which the readings are freed before models are compared."""
-        return cls(name, parameters, Evidence(fingerprint(name), 0.0, 0.0, 0.0, 0.0, words), 0.0, rms_n)
+        return cls(
+            name, parameters, Evidence(cause_class(name).fingerprint, 0.0, 0.0, 0.0, 0.0, words), 0.0, rms_n
+        )
 
 
 @dataclass(frozen=True, slots=True)

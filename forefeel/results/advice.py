@@ -2,8 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from forefeel.common.causes.catalogue import remedy
-from forefeel.common.estimation.contact_loaded import OF_ITS_RUN, TOLD_ANEW
+from forefeel.common.causes.catalogue import cause_class
 from forefeel.diagnosis.verdict import Diagnosis
 
 if TYPE_CHECKING:  # loads the predictor
@@ -16,7 +15,7 @@ def next_steps(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]
     """Advice on bench, model or the next recording, by verdict."""
     motion, verdict = diagnosis.suggested_motion, diagnosis.verdict
     if verdict == "cause_found":
-        remedies = [text for cause in diagnosis.causes if (text := remedy(cause.name))]
+        remedies = [kind.remedy for cause in diagnosis.causes if (kind := cause_class(cause.name)).remedy]
         return [*(f"on the bench: {text}" for text in remedies[:1]), *_with_the_model(across)]
     if verdict == "nothing_missing":
         return ["nothing to mend; model.yaml holds this simulation for forefeel simulate and loopback"]
@@ -58,7 +57,7 @@ def why_no_better(diagnosis: Diagnosis, across: "Across") -> list[str]:
         return []
     if across.zoh_n < min(across.before_n, across.after_n):
         return ["no better: on this motion the newest late force is nearest"]
-    names = [cause.name for cause in diagnosis.causes if cause.name not in {*OF_ITS_RUN, *TOLD_ANEW}]
-    if not names:
+    kinds = [cause_class(named.name) for named in diagnosis.causes]
+    if all(kind.of_its_run or kind.sized_anew for kind in kinds):
         return ["no better: what was found in one run says nothing of the next, and is learned anew"]
     return ["no better: the predictor learned as much from the late forces"]

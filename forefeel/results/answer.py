@@ -2,8 +2,8 @@
 
 from typing import TYPE_CHECKING
 
+from forefeel.common.causes.catalogue import cause_class, words
 from forefeel.common.causes.catalogue import equation as cause_equation
-from forefeel.common.causes.catalogue import words
 from forefeel.common.events.console import printable
 from forefeel.common.events.text import quantity, units_of
 from forefeel.common.recording.recording import Recording
@@ -198,7 +198,7 @@ def equation(diagnosis: Diagnosis) -> str:
     causes = {cause.name: {key: p.value for key, p in cause.parameters.items()} for cause in diagnosis.causes}
     if not causes and "bias.force_n" in model.parameters:
         causes["bias"] = {"force_n": model.parameters["bias.force_n"]}
-    if "asymmetric_damping" in causes:  # which says all of the damping
+    if any(cause_class(name).instead_of == "damping_n_s_m" for name in causes):
         terms = [term for term in terms if not term.endswith(" x'")]
     besides: list[str] = []
     for name, parameters in causes.items():

@@ -6,7 +6,7 @@ from functools import partial
 import numpy as np
 
 from forefeel.common.causes.candidate import base_name
-from forefeel.common.causes.catalogue import fingerprint, words
+from forefeel.common.causes.catalogue import cause_class, words
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import Diagnosed
@@ -57,7 +57,7 @@ def render_page(
         picture_of_it=_draw(partial(_worst, curves, diagnosis)),
         sections=[(n, causes.get(n), _draw(draws[n]) if n in draws else None) for n in shown_names],
         details=details,
-        fingerprint=fingerprint,
+        fingerprint=lambda name: cause_class(name).fingerprint,
         words=words,
         shown=shown,
         plain_value=plain_value,

@@ -8,6 +8,8 @@ import numpy as np
 
 from forefeel.common.causes.candidate import base_name
 from forefeel.common.causes.catalogue import CANDIDATES
+from forefeel.common.causes.periodic import MainsHum
+from forefeel.common.causes.wall import StiffnessChange
 from forefeel.common.error_size import Floats
 from forefeel.common.events.text import shown_unit
 from forefeel.diagnosis.analysis import Analysis
@@ -52,7 +54,7 @@ def sensor_picture(analysis: Analysis, fault: Cause) -> Figure:
     """Picture of a fault of the sensor: readings about the largest one, as recorded and as compared."""
     raw, t = analysis.recording.force_n, analysis.recording.time_s - analysis.recording.time_s[0]
     assert raw is not None
-    around_s = _HUMS_S if fault.name == "mains_hum" else _AROUND_S
+    around_s = _HUMS_S if fault.name == MainsHum.name else _AROUND_S
     rows = np.abs(t - t[int(np.argmax(np.abs(raw - np.median(raw))))]) < around_s
     parts = ("as recorded", LEFT, raw[rows]), ("as compared", MODEL, analysis.cleaned.force_n[rows])
     drawn = spec([timeline("force", t[rows], parts, _AROUND_S)], unit="s")
@@ -121,7 +123,7 @@ def _deep(of: Component) -> Specs:
 
 def _time(of: Component) -> Specs:
     parts = (_WITHOUT, LEFT, of.left), (_CAUSE, MODEL, of.cause_n)
-    changes = base_name(of.name) == "stiffness_change"
+    changes = base_name(of.name) == StiffnessChange.name
     at = [{"name": "the change", "colour": "bad", "at": of.shape[0]}] if changes else []
     drawn = timeline("force", of.curves.t[of.curves.rows], parts, of.curves.gap_s, 0.0, rules=at)
     return (spec([drawn], unit="s"),)

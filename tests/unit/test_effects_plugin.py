@@ -24,12 +24,15 @@ from forefeel.common.causes.catalogue import CANDIDATES, refresh
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.motion import Kinematics, Memory, Motion, MotionSample, Value
 from forefeel.common.error_size import Floats
+from forefeel.common.estimation.contact_model import Causes
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.extended import extended_model
 from forefeel.diagnosis.regression import RecordingRegression
 from forefeel.diagnosis.search import Search
 from forefeel.diagnosis.signals import Signals
+from forefeel.results.curves import Curves
+from forefeel.results.pictures import picture
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "effect-package"
 GROUP = "forefeel.effects"
@@ -239,7 +242,7 @@ def _rippled(seconds: float = 12.0) -> tuple[Recording, Floats]:
     return Recording("made", t, x, force + 2e-3 * noise / np.std(noise), "test"), force
 
 
-def test_a_cause_of_the_example_package_is_named_and_without_it_the_map_that_holds_it(
+def test_a_cause_of_the_example_package_is_named_drawn_and_loaded_and_without_it_the_map_that_holds_it(
     install: Install, example: tuple[str, str]
 ) -> None:
     recording, force = _rippled()
@@ -258,6 +261,11 @@ def test_a_cause_of_the_example_package_is_named_and_without_it_the_map_that_hol
     v = np.gradient(x, t)
     said = model.runtime().forces_n(t, x, v, np.gradient(v, t))
     assert np.std((said - force)[100:-100]) < 2e-3
+    assert picture(Curves.of(found.analysis, None), "cogging").title == "Over the position"
+    prior = Causes(model).with_loaded(None)
+    assert prior is not None and prior.values[prior.names.index("cogging.sine_n")] == pytest.approx(
+        cause.parameters["sine_n"].value
+    )
     install()
     (own,) = diagnose(recording).diagnosis.causes
     assert own.name == "position_map"

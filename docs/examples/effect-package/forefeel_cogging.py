@@ -16,6 +16,7 @@ class Cogging(ForceEffect):
         Parameter("cosine_n", "N", 0.0, -1e3, 1e3),
         Parameter("pitch_m", "m", 0.002, 1e-6, 10.0, linear=False),
     )
+    picture = "position"
     reference = "Gieras, Piech and Tomczuk, Linear Synchronous Motors, 2nd ed., chapter 4"
     fingerprint = "a ripple over position with a constant pitch, the same at any speed and in both directions"
 
