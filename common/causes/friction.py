@@ -31,7 +31,7 @@ class _AlongDirection(ForceEffect):
     def remembers(self) -> bool:
         return self.values["breakaway_m"] > 0.0
 
-    def along(self, m: Kinematics) -> Value:
+    def direction(self, m: Kinematics) -> Value:
         """s in -1 to 1."""
         breakaway_m = self.values["breakaway_m"]
         if breakaway_m <= 0.0:
@@ -76,7 +76,7 @@ class CoulombFriction(_AlongDirection):
     )  # fmt: skip
 
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:
-        s = self.along(m)
+        s = self.direction(m)
         return m.positive(s), m.negative(s)
 
 
@@ -112,10 +112,7 @@ class StribeckFriction(_AlongDirection):
     )
     # the coefficients are Fc and Fs - Fc, which are positive both
     candidates = (
-        Form(
-            mix=((1, 1), (0, 1)), shapes=("stribeck_velocity_m_s",), grid=_speeds,
-            sizes=("static_n",),
-        ),
+        Form(mix=((1, 1), (0, 1)), shapes=("stribeck_velocity_m_s",), grid=_speeds, sizes=("static_n",)),
         Form(
             form="exponential", mix=((1, 1),), shapes=("stribeck_velocity_m_s",), grid=_speeds,
             naming=lambda found: {
@@ -133,7 +130,7 @@ class StribeckFriction(_AlongDirection):
     )  # fmt: skip
 
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:
-        s, share = self.along(m), m.v / self.values["stribeck_velocity_m_s"]
+        s, share = self.direction(m), m.v / self.values["stribeck_velocity_m_s"]
         static = s * m.exp(-share * share)
         return s - static, static
 
@@ -228,4 +225,4 @@ class PositionDependentFriction(_AlongDirection):
     )
 
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:
-        return (m.depth * self.along(m),)
+        return (m.depth * self.direction(m),)

@@ -111,14 +111,11 @@ class Play(Backlash):
         "x but for the mass behind a play of {width_m} m",
     )
     candidates = (
-        Transmission(
-            shapes=("width_m",), grid=widths, sizes=("width_m",), mass_site="sensor",
-        ),
+        Transmission(shapes=("width_m",), grid=widths, sizes=("width_m",), mass_site="sensor"),
         Transmission(
             form="loose", shapes=("width_m", "rest_position_m", "settling_s"), sizes=("width_m",),
             coefficients=("behind_kg",), signs=(1,), grid=_loose_shapes, logarithmic=False,
-            mass_site="sensor", naming=_named, making=_with_mass_behind, costly=True,
-            picture="position",
+            mass_site="sensor", naming=_named, making=_with_mass_behind, costly=True, picture="position",
         ),
     )  # fmt: skip
 

@@ -88,9 +88,7 @@ class UnmodelledResonance(ForceEffect):
     words = "something flexible that swings: a second mode"
     remedy = "tap the fixture: stiffen the part that rings at this frequency"
     candidates = (
-        Mode(
-            shapes=_SHAPES, signs=(1,), spectra=_hanging, grid=_modes, making=_absorber, least_ratio=1.25,
-        ),
+        Mode(shapes=_SHAPES, signs=(1,), spectra=_hanging, grid=_modes, making=_absorber, least_ratio=1.25),
         Mode(
             form="free", shapes=_SHAPES, signs=(0, 0), spectra=_free, grid=_modes, making=_absorber,
             least_ratio=1.25,

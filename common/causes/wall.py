@@ -97,8 +97,7 @@ class Stiffening(ForceEffect):
         Form(),
         Form(
             form="exponential", kind=ExponentialWall, shapes=("length_m",), naming=_series,
-            grid=lambda extent: log_grid(0.12 * extent.reach_m, 1.5 * extent.reach_m, 6),
-            sizes=("exponential_n",),
+            grid=lambda e: log_grid(0.12 * e.reach_m, 1.5 * e.reach_m, 6), sizes=("exponential_n",),
         ),
     )  # fmt: skip
 
@@ -226,9 +225,7 @@ class StiffnessChange(ForceEffect):
     fingerprint = "nothing up to an instant, proportional to position from then on"
     words = "a stiffness that changes at an instant"
     candidates = (
-        Form(
-            values=_doubling, signs=(0,), logarithmic=False, grid=_instants, naming=_ratio, making=_change,
-        ),
+        Form(values=_doubling, signs=(0,), logarithmic=False, grid=_instants, naming=_ratio, making=_change),
         Form(
             form="rest", values=_doubling, signs=(0, 0), logarithmic=False, grid=_instants,
             beside=lambda motion, shape: [np.asarray(motion.t >= shape[0], dtype=np.float64)],

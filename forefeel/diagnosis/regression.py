@@ -34,11 +34,7 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.motion import MotionGrid
 from forefeel.common.causes.numerics import intervals_s
 from forefeel.common.causes.transmission import Backlash
-from forefeel.common.causes.unmodelled_resonance import (
-    HIGHEST_MODE,
-    MOST_DAMPED,
-    UnmodelledResonance,
-)
+from forefeel.common.causes.unmodelled_resonance import HIGHEST_MODE, MOST_DAMPED, UnmodelledResonance
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.look import look
 from forefeel.diagnosis.noise import Noise, white
