@@ -140,13 +140,13 @@ class Form(Candidate):
     Attributes:
         site: where it acts in this form, if not at its own site.
         mix: rows of what each coefficient adds to the linear parameters, where they are not the same.
-        beside: further columns, of no parameter.
+        beside: further columns, of no parameter: of (motion, shape, regressors).
         elements: so many effects in parallel, each with an equal part of the shape.
     """
 
     site: Site | None = None
     mix: tuple[tuple[float, ...], ...] = ()
-    beside: Callable[[MotionGrid, Shape], list[Array]] | None = None
+    beside: Callable[[MotionGrid, Shape, Array], list[Array]] | None = None
     elements: int = 1
 
     def of(self, kind: type[Effect]) -> Self:
@@ -168,7 +168,7 @@ class Form(Candidate):
         for part in map(tuple, np.reshape(shape, (self.elements, -1)).tolist()):
             phi = self.effect(part).columns(motion).T
             columns += list(np.array(self.mix) @ phi if self.mix else phi)
-            columns += self.beside(motion, part) if self.beside else []
+            columns += self.beside(motion, part, phi) if self.beside else []
         return columns
 
     def named(self, found: Found) -> Values:

@@ -119,7 +119,7 @@ class StribeckFriction(_AlongDirection):
                 "coulomb_n": found.coefficients[0], "static_n": float(np.sum(found.coefficients)),
                 "stribeck_velocity_m_s": found.shape[0],
             },
-            beside=lambda m, shape: [m.direction() * np.exp(-np.abs(m.v) / shape[0])],
+            beside=lambda m, shape, _: [m.direction() * np.exp(-np.abs(m.v) / shape[0])],
             sizes=("static_n",),
         ),
         Form(
@@ -157,10 +157,9 @@ def _each(found: Found) -> list[Entry]:
     ]
 
 
-def _rates(motion: MotionGrid, shape: Shape) -> list[Array]:
+def _rates(motion: MotionGrid, _: Shape, phi: Array) -> list[Array]:
     """LuGre: the rate of the bristles' deflection."""
-    (u,) = PreslidingHysteresis(**_unit(shape)).regressors(motion)
-    return [np.concatenate([np.gradient(u[p], motion.t[p]) for p in motion.pieces])]
+    return [np.concatenate([np.gradient(phi[0][p], motion.t[p]) for p in motion.pieces])]
 
 
 class PreslidingHysteresis(ForceEffect):

@@ -106,7 +106,7 @@ class Stiffening(ForceEffect):
         return square, square * m.x
 
 
-def _earlier(motion: MotionGrid, shape: Shape) -> list[Array]:
+def _earlier(motion: MotionGrid, shape: Shape, _: Array) -> list[Array]:
     """What an earlier stroke left, exp(-t/tau)."""
     first = np.zeros_like(motion.x)
     first[motion.pieces[0]] = np.exp(-motion.t[motion.pieces[0]] / shape[0])
@@ -228,7 +228,7 @@ class StiffnessChange(ForceEffect):
         Form(values=_doubling, signs=(0,), logarithmic=False, grid=_instants, naming=_ratio, making=_change),
         Form(
             form="rest", values=_doubling, signs=(0, 0), logarithmic=False, grid=_instants,
-            beside=lambda motion, shape: [np.asarray(motion.t >= shape[0], dtype=np.float64)],
+            beside=lambda motion, shape, _: [np.asarray(motion.t >= shape[0], dtype=np.float64)],
             least_score=40.0, least_ratio=1.5,  # a level that steps describes a little of anything slow
             naming=_ratio_and_rest, making=_change,
         ),
