@@ -141,7 +141,8 @@ def _try(kind: type[Effect]) -> None:
         found, count = (*phi, runtime.step(_TRIAL_STEP_S, x, v, a, _TRIAL_STEP_S)), len(runtime.linear_names)
         if len(phi) != count or not all(map(isfinite, found)):
             raise ValueError(f"{found} beside mass, damper, spring; expected {count} regressors and a force")
-    runtime.reset()
+    t = np.arange(3.0) * _TRIAL_STEP_S
+    runtime.forces_n(t, t, t, t)  # where an equation that asks `if` of a value fails
 
 
 def _line(error: BaseException) -> str:

@@ -99,6 +99,13 @@ class TwoRegressors(Good):
         return (m.x, m.v)
 
 
+class Branching(Good):
+    name = "branching"
+
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        return (m.x if m.x > 0.0 else 0.0,)
+
+
 class Siteless(Good):
     name = "siteless"
     site = "moon"  # type: ignore[assignment]
@@ -190,6 +197,7 @@ def test_every_kind_of_effect_can_be_added_with_no_more_than_it_needs(
         ("raises", f"{__name__}:raises", "expected a class of forefeel.common.causes.base: ForceEffect"),
         ("better", f"{__name__}:Good", "expected an effect named better, its name is 'good'"),
         ("abstract", f"{__name__}:Abstract", "lacks regressors"),
+        ("branching", f"{__name__}:Branching", f"{FAILS} ValueError: The truth value of an array"),
         ("siteless", f"{__name__}:Siteless", "expected a site, one of wall, shaft, sensor"),
         ("unbounded", f"{__name__}:Unbounded", "size_n: expected finite bounds around its default 0.0"),
         (
