@@ -59,21 +59,24 @@ class PeriodicForce(ForceEffect):
         return (wave,)
 
     def span(self, motion: Motion) -> Array:
-        """Sine and cosine of each harmonic at phase 0, shape (n, 6)."""
-        return np.stack(_sines(self._omega * motion.t)).T
+        """Sine of each harmonic at phase 0, then cosine of each, shape (n, 6)."""
+        s, c = np.sin(self._omega * motion.t), np.cos(self._omega * motion.t)
+        twice, square = 2.0 * s * c, 2.0 * c * c - 1.0
+        sines, cosines = (s, twice, s * (2.0 * square + 1.0)), (c, square, c * (2.0 * square - 1.0))
+        return np.stack((*sines, *cosines)).T
 
     def from_span(self, coefficients: Sequence[float]) -> dict[str, float]:
         """Amplitude, ratios and phases from sines and cosines; the fundamental must not vanish for ratios."""
-        sine, cosine, *higher = map(float, coefficients)
-        amplitude_n, phase = hypot(sine, cosine), atan2(cosine, sine)
-        found = {**self.values, "amplitude_n": amplitude_n, "phase_rad": phase}
+        sines, cosines = np.reshape(coefficients, (2, 3)).tolist()
+        amplitude_n, phase = hypot(sines[0], cosines[0]), atan2(cosines[0], sines[0])
+        values = {**self.values, "amplitude_n": amplitude_n, "phase_rad": phase}
         for order, nth in ((2, "second"), (3, "third")):
-            sine, cosine, *higher = higher
+            sine, cosine = sines[order - 1], cosines[order - 1]
             ratio = hypot(sine, cosine) / amplitude_n if amplitude_n > 0.0 else 0.0
             turned = atan2(cosine, sine) - order * phase
-            found[f"{nth}_harmonic_ratio"] = ratio
-            found[f"{nth}_harmonic_phase_rad"] = atan2(sin(turned), cos(turned))
-        return found
+            values[f"{nth}_harmonic_ratio"] = ratio
+            values[f"{nth}_harmonic_phase_rad"] = atan2(sin(turned), cos(turned))
+        return values
 
     @classmethod
     def shape_names(cls) -> tuple[str, ...]:
@@ -81,24 +84,17 @@ class PeriodicForce(ForceEffect):
         return ("frequency_hz",)
 
 
-def _sines(p: Array) -> tuple[Array, ...]:
-    """sin p, cos p, sin 2p, cos 2p, sin 3p, cos 3p."""
-    s, c = np.sin(p), np.cos(p)
-    twice, square = 2.0 * s * c, 2.0 * c * c - 1.0
-    return s, c, twice, square, s * (2.0 * square + 1.0), c * (2.0 * square - 1.0)
-
-
 def _strongest(found: Found) -> Values:
-    sizes = np.hypot(*np.reshape(found.coefficients, (3, 2)).T)
+    sizes = np.hypot(*np.reshape(found.coefficients, (2, 3)))
     return {"frequency_hz": found.shape[0], "amplitude_n": float(np.max(sizes))}
 
 
 def _wave(found: Found) -> list[Entry]:
-    """With phases by the stamp."""
-    (frequency_hz,), pairs = found.shape, np.reshape(found.coefficients, (3, 2))
-    wave = pairs[:, 0] + 1j * pairs[:, 1]  # sin + i cos: amplitude times exp(i phase) of a sine
+    """Pulsation with phases by the stamp."""
+    (frequency_hz,), c = found.shape, found.coefficients
+    wave = c[:3] + 1j * c[3:]  # sin + i cos: amplitude times exp(i phase) of a sine
     wave = wave * np.exp(-2j * np.pi * frequency_hz * found.start_s * np.arange(1, 4))
-    turned = np.column_stack([wave.real, wave.imag]).ravel().tolist()
+    turned = [*wave.real.tolist(), *wave.imag.tolist()]
     return [entry(Pulsation, Pulsation(frequency_hz=frequency_hz).from_span(turned))]
 
 

@@ -120,7 +120,7 @@ class Periods:
         if period_s is None:
             return False
         periods = self.regression.extent.duration_s / period_s
-        power = np.sum(fit.of(Pulsation.name).reshape(-1, 2) ** 2, axis=1)
+        power = np.sum(fit.of(Pulsation.name).reshape(2, -1) ** 2, axis=0)
         cycles = frequency_hz * np.arange(1, len(power) + 1) * period_s
         # of few periods only what lies closer than a line is wide counts, or all would be harmonics
         width = (1.5 if periods >= _MANY else 0.5) / periods
