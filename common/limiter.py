@@ -152,9 +152,7 @@ class MotionLimiter:
         allowed = self._before_walls(_clip(velocity, self._velocity_m_s * velocity_share), dt_s)
         capped = self._towards_contact(allowed, force_n, force_share * self._force_n, band_n, hits)
         if force_share == 1.0:  # a blind cell guides no motion
-            capped = self._before_walls(
-                _clip(self._yielding(capped, force_n, hits), self._velocity_m_s * velocity_share), dt_s
-            )
+            capped = self._yielding(capped, force_n, self._velocity_m_s * velocity_share, hits)
         if capped == allowed and abs(capped - velocity) > _EXACT:
             hits.append(LimitHit("velocity", velocity, capped, "m/s"))
         change = self._acceleration_m_s2 * dt_s
@@ -236,8 +234,8 @@ class MotionLimiter:
             hits.append(LimitHit("contact_speed", velocity_m_s, sign * fastest_m_s, "m/s"))
         return sign * fastest_m_s
 
-    def _yielding(self, velocity_m_s: float, force_n: float, hits: list[LimitHit]) -> float:
-        """The velocity out of a wall that pushes beyond the limit; the hand's own where that is larger. No
+    def _yielding(self, velocity_m_s: float, force_n: float, most_m_s: float, hits: list[LimitHit]) -> float:
+        """The velocity out of a wall that pushes beyond the limit; the hand's own where that leads out. No
         further than `_YIELD_M` from where the hand went: a force that stays is of no wall that moves.
         """
         excess_n = force_n - (1.0 + OVER_SHARE) * self._force_n
@@ -247,7 +245,8 @@ class MotionLimiter:
         self.force_limited = True
         hits += [] if hits and hits[-1].rule == "force" else [LimitHit("force", force_n, self._force_n, "N")]
         left_m = self.position_m - self._deepest_m + _YIELD_M
-        return -min(self._allowed_m_s(excess_n), _stoppable_m_s(left_m, self._acceleration_m_s2, self._dt_s))
+        out_m_s = _stoppable_m_s(left_m, self._acceleration_m_s2, self._dt_s)
+        return self._before_walls(-min(self._allowed_m_s(excess_n), out_m_s, most_m_s), self._dt_s)
 
     def _allowed_m_s(self, left_n: float) -> float:
         return _stoppable_m_s(left_n / self._wall_n_m, self._acceleration_m_s2, sum(self.reaction))

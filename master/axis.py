@@ -312,7 +312,6 @@ class MasterAxis:
         self.identification.run()
         for foretold_n in learner.lost_n[lost:]:
             self.events.limit(LimitHit(CONTACT_LOST, foretold_n, 0.0, "N"))
-            self.events.notices.add("the wall gave way: what was learned of it is forgotten")
 
     def publish_parameters(self, now_ns: int) -> None:
         """Publishes the contact model; adds a notice, once, where the forces do not fit the prior."""

@@ -7,7 +7,7 @@ from forefeel.common import topics
 from forefeel.common.bus import Bus
 from forefeel.common.events.axis import AxisEvents
 from forefeel.common.events.sink import REFUSALS, EventSink
-from forefeel.common.events.text import DISTRUSTED, ROUND_TRIP, emergency_stop, event_text
+from forefeel.common.events.text import CONTACT_LOST, DISTRUSTED, ROUND_TRIP, emergency_stop, event_text
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import LimitEvent, MasterEvent, SafetyEvent
 
@@ -61,12 +61,14 @@ class MasterEvents(AxisEvents):
         return new
 
     def _limited(self, hit: LimitHit, count: int, now_ns: int) -> None:
-        """Logs where the prediction is not believed; the other limits stand in the recording."""
+        """Reports a prediction that is not believed, and a lost contact; every limit is recorded anyway."""
         if hit.rule == DISTRUSTED:
             self._repeat("prediction_distrusted", "rendering", count)
             self.notices.repeat(
                 "prediction out of reach of the measured force, which is felt late now", now_ns
             )
+        elif hit.rule == CONTACT_LOST:
+            self.notices.add("the wall gave way: what was learned of it is forgotten")
 
     def session_lost(self, reason: str, now_ns: int) -> bool:
         """See `AxisEvents`. Also asks for a flight record, for nobody else received what the hand felt."""

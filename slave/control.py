@@ -150,8 +150,8 @@ class AxisControl:
 
     def obstacle(self, clock: OffsetEstimate | None) -> LimitHit | None:
         """Rule that keeps it from arming, wherever hand and stage are; None where none does."""
-        if clock is not None and clock.round_trip_ns > self._max_round_trip_ns:
-            return LimitHit(ROUND_TRIP, clock.round_trip_ns * 1e-9, self._gate.max_round_trip_s, "s")
+        if (hit := self._long_round_trip(clock)) is not None:
+            return hit
         leaves_m_s = open_speed_m_s(self._limits, self.limiter.reaction)
         if leaves_m_s < LEAST_M_S:
             return LimitHit(SLOW_LIMIT, leaves_m_s, LEAST_M_S, "m/s")
@@ -159,6 +159,11 @@ class AxisControl:
         measured = self._gate.force_timeout_s is not None  # else it is a recording's, wherever that begins
         off = measured and not self.zeroed and abs(zero_n) > tolerance_n
         return LimitHit(ZERO, zero_n, tolerance_n, "N") if off else None
+
+    def _long_round_trip(self, clock: OffsetEstimate | None) -> LimitHit | None:
+        if clock is None or clock.round_trip_ns <= self._max_round_trip_ns:
+            return None
+        return LimitHit(ROUND_TRIP, clock.round_trip_ns * 1e-9, self._gate.max_round_trip_s, "s")
 
     def halt(self, now_ns: int, estop: str | None, fault: str | None) -> list[Transition]:
         """Fires the stop and the fault when no tick follows any more; the setpoint stays."""
@@ -239,7 +244,7 @@ class AxisControl:
         silent_ns = now_ns - self._received_ns
         if 0 < self._watchdog_ns < silent_ns:
             return [(E.WATCHDOG, f"no valid command for {silent_ns * 1e-6:.0f} ms")]
-        if (hit := self.obstacle(clock)) is not None and hit.rule == ROUND_TRIP:
+        if (hit := self._long_round_trip(clock)) is not None:
             return [(E.ROUND_TRIP, obstacle(*hit[:3]))]
         engaging = self.machine.state is SafetyState.ENGAGING
         return self._engaging_events(now_ns, command) if engaging else []

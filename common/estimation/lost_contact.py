@@ -1,4 +1,4 @@
-"""Whether the contact that was learned gave way. Pure.
+"""Loss of the contact that was learned: the wall gave way. Pure.
 
 A zero at a place that was not touched before says nothing. One that answers a motion deeper than the
 remembered contact, by more than its band in place and in force, says that the wall is gone: what was learned
