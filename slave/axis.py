@@ -229,6 +229,7 @@ class SlaveAxis:
             clear=cleared,
             stage_rests=self._watch.following.at_rest,
             strayed=self._watch.following.strayed,
+            stage_reaction_s=self._watch.following.reaction_s,
         )
 
     def _apply(self, outputs: ControlOutputs, now_ns: int) -> None:

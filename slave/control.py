@@ -29,7 +29,7 @@ class ControlInputs(NamedTuple):
     `command`: newest admitted one and its receive stamp, or None when there is no new one. `released`: one
     that came since the last tick released the deadman, though a newer one may hold it again. `estop`,
     `fault`, `clear`: what came since the last tick; the machine latches it. `stage_rests`: by its readback.
-    `strayed`: it is not where it was sent.
+    `strayed`: it is not where it was sent. `stage_reaction_s`: `FollowingWatch.reaction_s`.
     """
 
     command: tuple[MotionCommand, int] | None
@@ -46,6 +46,7 @@ class ControlInputs(NamedTuple):
     released: bool = False
     stage_rests: bool = True
     strayed: bool = False
+    stage_reaction_s: tuple[float, float] | None = None
     lost_reason: str = "no session"
 
 
@@ -112,7 +113,8 @@ class AxisControl:
             self.limiter.place(inputs.position_m)
         force, follows = self._force, self.machine.following
         force.take(now_ns, inputs.force_n, inputs.force_valid, inputs.force_age_s, stood_ns * 1e-9, follows)
-        self.limiter.reaction = self.limiter.reaction._replace(reading_s=force.reading_s)
+        stage_s, run_on_s = inputs.stage_reaction_s or self.limiter.reaction[2:]
+        self.limiter.reaction = Reaction(force.reading_s, self.limiter.reaction.filter_s, stage_s, run_on_s)
         self.limiter.age_s = force.age_s
         if follows and force.is_late:
             hits.append(LimitHit("reading_late", force.late_s, force.reading_s, "s"))

@@ -1,8 +1,9 @@
 """Watch over the stage by its readback, whatever its driver: it goes where sent and rests when told. Pure."""
 
 from collections import deque
-from math import copysign, exp, pi
+from math import copysign, e, exp, pi, sqrt
 
+from forefeel.common.estimation.stage_lag import StageLag
 from forefeel.slave.plant.stage import EXTRAPOLATION_S
 from forefeel.slave.settings import SlaveAxisSettings
 from forefeel.slave.stage import CARRIED_S, StageReading
@@ -77,7 +78,7 @@ class LateStage:
     carried_s = CARRIED_S
 
     def __init__(self, lag_s: float) -> None:
-        self._lag_ns = round(lag_s * 1e9)
+        self.lag_s, self._lag_ns = lag_s, round(lag_s * 1e9)
         self.blind_ns = max(KnownServo.blind_ns, self._lag_ns)
         self._sent: deque[tuple[int, float, float]] = deque()
 
@@ -111,25 +112,41 @@ class FollowingWatch:
         at_rest: whether the stage itself rests.
         deviation_m: of the newest readback from where the stage may be; 0 while it is told to hold.
         strayed: whether that is a fault.
+        reaction_s: `stage_s` and `run_on_s` of `Reaction`, as measured from the readbacks; None: not yet.
+
+    By (S1) a servo with velocity feed-forward has T1 = 0, T2 = -1 / w^2, one without T1 = 1 / w: late by T1,
+    by 0.5 / w under acceleration, and overshoots by v / e w (`SlaveAxisSettings.reaction`).
     """
 
     def __init__(self, expected: KnownServo | LateStage) -> None:
         self._expected = expected
+        self._lag = StageLag(expected.lag_s) if isinstance(expected, LateStage) else None
         self._holds = True
         self._read_ns = self._moved_ns = self._settled_ns = 0
-        self._anchor_m = self.deviation_m = 0.0
+        self._anchor_m = self._read_m = self.deviation_m = 0.0
         self.at_rest = self.strayed = False
 
     def command(self, applied_m: float, velocity_m_s: float, now_ns: int) -> None:
         self._holds = False
         self._expected.command(applied_m, velocity_m_s, now_ns)
+        if self._lag is not None:
+            self._lag.command(now_ns, applied_m)
+            self._lag.observe(now_ns, self._read_m)
+
+    @property
+    def reaction_s(self) -> tuple[float, float] | None:
+        if self._lag is None or not self._lag.known:
+            return None
+        lag_s, lag2_s2 = self._lag.lags
+        servo_s = sqrt(abs(lag2_s2))
+        return max(lag_s, 0.0) + 0.5 * servo_s, servo_s / e
 
     def hold(self) -> None:
         self._holds = True
 
     def read(self, reading: StageReading, now_ns: int) -> str | None:
         """Updates the attributes by a readback; the text of the fault where it is one, else None."""
-        x_m = reading.position_m
+        self._read_m = x_m = reading.position_m
         blind = now_ns - self._read_ns > self._expected.blind_ns
         self._read_ns = now_ns
         if abs(x_m - self._anchor_m) > _REST_M:

@@ -11,10 +11,11 @@ as in `experts`, over pairs of a command and the readback that answers it; deriv
 deviation y = x_s - c pass the same filter. With u = (-c', c''), h the time since the last pair and m the
 square of the motion over that of usual motion, at most 1,
 
-    R <- lambda R + h u u',   r <- lambda r + h u y,   lambda = exp(-m h / 20 s),   T = (R + D)^-1 r     (S2)
+    R <- lambda R + h u u',   r <- lambda r + h u y,   lambda = exp(-m h / 20 s),                     (S2)
+    T = (R + D)^-1 (r + D T0)
 
 so that as much is forgotten as is learned, and a hand that trembles while it holds takes nothing away. D is
-the information of a millisecond of usual motion.
+the information of a millisecond of usual motion, T0 the lag that is expected.
 
 Reference: Astrom and Hagglund, PID Controllers, 2nd ed. (1995), chapter 2, the method of moments.
 """
@@ -34,7 +35,7 @@ _KNOWN_S = 1.0  # s of motion before the lag is used
 _TYPICAL_M_S, _TYPICAL_M_S2 = 0.02, 0.3  # m/s and m/s^2, usual velocity and acceleration of a stage
 _STILL = 1e-4  # m of standstill
 _RIDGE_S = 0.001
-_BOUNDS = ((-0.05, 0.2), (-0.05, 0.05))  # s of T1 and s^2 of T2, lower and upper bound
+_BOUNDS = ((-0.05, 0.3), (-0.05, 0.05))  # s of T1 and s^2 of T2, lower and upper bound
 
 
 class StageLag:
@@ -44,11 +45,14 @@ class StageLag:
     replaced as a whole, and one tuple.
 
     Attributes:
-        lags: T1 in s and T2 in s^2, in use; zero until enough has been seen of a moving stage.
+        lags: T1 in s and T2 in s^2, in use; as expected until enough has been seen of a moving stage.
+        known: from then on.
     """
 
-    def __init__(self) -> None:
-        self.lags = (0.0, 0.0)
+    def __init__(self, expected_s: float = 0.0) -> None:
+        self.lags = (expected_s, 0.0)
+        self.known = False
+        self._expected_s = expected_s
         self._sent = CommandRing[tuple[float, float, float]]()  # position in m, filtered derivatives
         self._motion = StateFilter(_CUTOFF_HZ)
         self._deviation = StateFilter(_CUTOFF_HZ)
@@ -102,9 +106,10 @@ class StageLag:
             return
         r11, r12, r22, r1, r2 = self._sums
         r11 += _RIDGE_S * _TYPICAL_M_S**2
+        r1 += _RIDGE_S * _TYPICAL_M_S**2 * self._expected_s
         r22 += _RIDGE_S * _TYPICAL_M_S2**2
         first = _within((r22 * r1 - r12 * r2) / (r11 * r22 - r12 * r12), _BOUNDS[0])
-        self.lags = first, _within((r2 - r12 * first) / r22, _BOUNDS[1])
+        self.lags, self.known = (first, _within((r2 - r12 * first) / r22, _BOUNDS[1])), True
 
 
 def _within(value: float, bounds: tuple[float, float]) -> float:

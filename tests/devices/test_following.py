@@ -67,3 +67,4 @@ def test_emulated_stage_is_believed_until_it_is_stuck(
         time.tick = tick
         time.run(5.0)
     assert len(faults) == 1 and 0 < faults[0] - STUCK_MS < 160
+    assert watch.reaction_s is not None and sum(watch.reaction_s) < 0.04

@@ -1,7 +1,7 @@
 """The reference servo: healthy stages are believed, others are not; rest is measured."""
 
 from collections.abc import Callable
-from math import cos, pi
+from math import cos, e, pi
 
 import pytest
 
@@ -33,11 +33,15 @@ class Bench:
     """The limiter leads the simulated servo of 25 Hz, whose position a liar may change."""
 
     def __init__(
-        self, watch: FollowingWatch, asked_m: Callable[[float], float], liar: Liar | None = None
+        self,
+        watch: FollowingWatch,
+        asked_m: Callable[[float], float],
+        liar: Liar | None = None,
+        hz: float = HZ,
     ) -> None:
         self.watch, self._asked_m, self._liar = watch, asked_m, liar
         self.limiter = MotionLimiter(AxisLimits(), 4.0)
-        settings = preset("catheter").stage.model_copy(update={"bandwidth_hz": HZ})
+        settings = preset("catheter").stage.model_copy(update={"bandwidth_hz": hz})
         self._stage = PlantStage(settings, 1e-4)
         self.ms, self.x_m = 0, 0.0
         self.worst_m = self.expected_m = 0.0
@@ -106,6 +110,29 @@ def test_lying_stage_is_a_fault_in_time(expected: Expected, late_ms: float, liar
         assert bench.ms < 300 + 50 + 6 * late_ms
     assert bench.watch.deviation_m < 0.2e-3
     assert late_ms or off_m < 0.2e-3
+
+
+@pytest.mark.parametrize("hz", [5.0, 10.0, 25.0, 60.0])
+@pytest.mark.parametrize("share", [0.2, 1.0])
+def test_reaction_of_a_stage_is_measured_in_its_first_second_of_motion(hz: float, share: float) -> None:
+    """Of a servo as its settings would say, not as the bound of the readback does."""
+    bench = Bench(FollowingWatch(LateStage(LAG_S)), lambda t: share * reach_m(t), hz=hz)
+    measured = [bench.watch.reaction_s for _ in range(1500) if bench.tick() is None]
+    assert measured[800] is None and measured[-1] is not None
+    w = 2 * pi * hz
+    for measured_s, known_s in zip(measured[-1], (0.5 / w, 1 / (e * w)), strict=True):
+        assert 0.6 * known_s - 1e-3 < measured_s < 1.6 * known_s + 1e-3
+
+
+@pytest.mark.parametrize("late_ms", [20, 50, 100])
+def test_reaction_of_a_late_readback_is_no_shorter_than_its_lateness(late_ms: int) -> None:
+    watch, sent_m = FollowingWatch(LateStage(0.2)), [0.0] * late_ms
+    for ms in range(1500):
+        sent_m.append(0.2 * reach_m(ms * 1e-3))
+        watch.read(StageReading(sent_m[ms], 0.0), ms * MS)
+        watch.command(sent_m[-1], 0.0, ms * MS)
+    assert watch.reaction_s is not None
+    assert late_ms * 1e-3 <= sum(watch.reaction_s) < 1.8 * late_ms * 1e-3
 
 
 def test_rest_is_measured() -> None:
