@@ -98,8 +98,8 @@ class HapticLoop:
         predicted = self._predict(now_ns, position_m, inputs)
         fresh = force is not None and force.is_fresh(now_ns, self._stale_ns)
         following = reading.deadman and inputs.state in FOLLOWING
-        # a recorded force may pause, for nobody feels it
-        due = following and force is not None and (fresh or reading.recording_time_s is None)
+        # by its arrival: a force that comes and is never fresh has to be felt, too
+        due = force is not None and following and now_ns - force.arrived_ns <= self._stale_ns
         newest = force.sample if force is not None and due else None
         self._watch.judge(now_ns, position_m, reading.deadman, newest, predicted, self._rendered)
         deadman = reading.deadman and not self._watch.ends
