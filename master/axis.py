@@ -130,6 +130,8 @@ class MasterAxis:
             known = clock is not None and clock.ahead_ns(transit_ns) == 0
             late_ns = max(0, clock.excess_ns(transit_ns)) if clock and known else None
             self._force = NewestForce(sample, receive_ns, late_ns)
+        elif self._force is not None:
+            self._force = self._force._replace(ended=True)
 
     def _on_state(self, state: SlaveState, receive_ns: int) -> None:
         """Takes over a newer state of the slave with its caveats and reaction; counts any other."""

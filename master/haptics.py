@@ -16,11 +16,14 @@ from forefeel.master.settings import RenderingSettings
 
 
 class NewestForce(NamedTuple):
-    """Newest valid force, its arrival, and how late by the fastest; None before clocks are compared."""
+    """Newest valid force, its arrival, and how late by the fastest; None before clocks are compared.
+    `ended`: an invalid one has come since; the slave ends the following if that lasts.
+    """
 
     sample: ForceSample
     arrived_ns: int
     late_ns: int | None
+    ended: bool = False
 
     def is_fresh(self, now_ns: int, stale_ns: int) -> bool:
         """True if path and `stale_ns` explain its age; never before the clocks are compared."""
@@ -98,8 +101,8 @@ class HapticLoop:
         predicted = self._predict(now_ns, position_m, inputs)
         fresh = force is not None and force.is_fresh(now_ns, self._stale_ns)
         following = reading.deadman and inputs.state in FOLLOWING
-        # by its arrival: a force that comes and is never fresh has to be felt, too
-        due = force is not None and following and now_ns - force.arrived_ns <= self._stale_ns
+        # one that stays away, or comes and is never fresh, has to be felt, too
+        due = following and force is not None and (fresh or not force.ended)
         newest = force.sample if force is not None and due else None
         self._watch.judge(now_ns, position_m, reading.deadman, newest, predicted, self._rendered)
         deadman = reading.deadman and not self._watch.ends
