@@ -13,7 +13,7 @@ square of the motion over that of usual motion, at most 1,
 
     R <- lambda R + h u u',   r <- lambda r + h u y,   lambda = exp(-m h / 20 s),   T = (R + D)^-1 r     (S2)
 
-so that as much is forgotten as is learned, and the tremor of a hand that holds erases nothing. D is
+so that as much is forgotten as is learned, and a hand that trembles while it holds takes nothing away. D is
 the information of a millisecond of usual motion.
 
 Reference: Astrom and Hagglund, PID Controllers, 2nd ed. (1995), chapter 2, the method of moments.
