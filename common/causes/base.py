@@ -1,4 +1,4 @@
-"""What an effect is: one physical cause, written once, used by the plant, the predictor and the diagnosis.
+"""Base classes of effects: one physical cause each, used by the plant, the predictor and the diagnosis.
 
 Five kinds. A `ForceEffect` adds a force that is linear in some of its parameters:
 `f = sum_i theta_i phi_i(motion, state)`. A `MotionEffect` stands between stage and instrument and changes the
@@ -48,7 +48,7 @@ class Parameter:
     """
 
     def checked(self, value: object, place: str) -> float:
-        """`value` as a float.
+        """Returns `value` as a float.
 
         Raises:
             ValueError: not a number, not finite or out of bounds; one line that starts with `place`.
@@ -64,9 +64,9 @@ class Parameter:
 
 
 class Effect(ABC):
-    """Common part of all effects: a name, bounded parameters by name, a state that can be forgotten.
+    """Common part of all effects: a name, bounded parameters by name, a state that `reset` clears.
 
-    The state is in class attributes that are a `Memory`, of which each effect gets its own.
+    The state is in the class attributes that are a `Memory`; each instance gets copies of them.
 
     Raises:
         ValueError: unknown parameter, or a value that is not finite or out of its bounds; one line.
@@ -76,42 +76,42 @@ class Effect(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     reference: ClassVar[str]
     fingerprint: ClassVar[str] = ""
-    """One sentence: what it looks like in the residual of a model that lacks it."""
+    """One sentence: its shape in the residual of a model that lacks it."""
     words: ClassVar[str] = ""
-    """What it is, in everyday words."""
+    """Its name in everyday words."""
     remedy: ClassVar[str] = ""
-    """What a bench can do against it."""
+    """Advice to whoever runs the bench."""
     equation: ClassVar[tuple[str, ...]] = ()
-    """Its term of `f = m x'' + b x' + k x + ...`, with its parameters in braces, in SI units; another one for
-    other parameters. Behind a semicolon: the equation of a state that the term has. Of an effect that adds no
-    force: what it does to x or f.
+    """Its term of `f = m x'' + b x' + k x + ...`, parameters in braces, in SI units; the first entry counts
+    whose parameters are all given. The equation of a state follows a semicolon. An effect that adds no force
+    has a phrase on x or f instead.
     """
     picture: ClassVar[str] = "time"
-    """The variable in which it shows, a key of `forefeel.results.pictures`."""
+    """The variable over which it shows, a key of `forefeel.results.pictures`."""
     kin: ClassVar[str] = ""
-    """Name of the thing on a bench that several causes describe: a model holds one of them, and none is the
-    rival of another.
+    """Name of the part of a bench that several causes describe: a model holds only one of them, and a
+    diagnosis does not report them as rivals.
     """
     rubs: ClassVar[bool] = False
-    """Dry friction in any of its descriptions, which are no rivals of each other."""
+    """Describes dry friction; a diagnosis does not report two such causes as rivals."""
     bends: ClassVar[bool] = False
     """Turns and scales a force by its frequency."""
     needs_spring: ClassVar[bool] = False
-    """Beside no spring it is a damper that comes late, as dry friction is where the motion turns."""
+    """A diagnosis rejects it without a stiffness: it then is a late damper, like friction at a reversal."""
     told_by: ClassVar[Sequence[str]] = ()
-    """Motions that tell it from what is alike, keys of `forefeel.diagnosis.identifiability`."""
+    """Motions that tell it from similar causes, keys of `forefeel.diagnosis.identifiability`."""
     of_its_run: ClassVar[bool] = False
-    """Says nothing of another run."""
+    """Holds for its own run only."""
     sized_anew: ClassVar[bool] = False
-    """May be there in another run, in another size."""
+    """Acts in another run, too, but with another size."""
     clocked: ClassVar[bool] = False
-    """Has an instant or a phase by the clock of its run."""
+    """Has an instant or a phase on the clock of its run."""
     occasional: ClassVar[bool] = False
-    """Takes part in the predictor's contact only where it explains enough."""
+    """The predictor's contact model contains it only if it explains enough."""
     instead_of: ClassVar[str] = ""
-    """The parameter of `mass_damper_spring` that it says all of."""
+    """Parameter of `mass_damper_spring` whose whole value it takes over."""
     candidates: ClassVar[Sequence["Candidate"]] = ()
-    """How a diagnosis fits it; a force effect without any is fitted by its `span`, see `generic`."""
+    """Forms in which a diagnosis fits it; a force effect without any is fitted by its `span`: `generic`."""
     shorthands: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """A name that sets several parameters at once, such as `force_n` of a symmetric friction."""
 
@@ -131,10 +131,10 @@ class Effect(ABC):
 
     @classmethod
     def complete(cls, values: Mapping[str, object], place: str = "") -> dict[str, float]:
-        """Every parameter by name: `values` checked and their shorthands spelled out, defaults for the rest.
+        """Returns every parameter by name: `values` checked, shorthands spelled out, defaults for the rest.
 
         Raises:
-            ValueError: as the class; the line starts with `place`, or with the effect's name.
+            ValueError: unknown, set twice or out of bounds; one line that starts with `place` or our name.
         """
         known = {parameter.name: parameter for parameter in cls.parameters}
         given: dict[str, float] = {}
@@ -150,7 +150,7 @@ class Effect(ABC):
         return {p.name: given.get(p.name, p.default) for p in cls.parameters}
 
     def revalue(self, **values: float) -> None:
-        """Takes other values and keeps the state, as when a model is corrected while it runs."""
+        """Replaces all values, by defaults where not given, and keeps the state: for a model that runs."""
         self.values = self.complete(values)
         self._configure()
 
@@ -158,13 +158,13 @@ class Effect(ABC):
         """Derives from `values` what the step needs; called once for each set of them."""
 
     def reset(self) -> None:
-        """Forgets the state, as after a new contact."""
+        """Clears the state, as after a new contact."""
         for name in self._memories:
             getattr(self, name).reset()
 
     @property
     def remembers(self) -> bool:
-        """True where what it gives depends on more than the motion at this instant."""
+        """True if the output depends on earlier samples, too."""
         return bool(self._memories)
 
 
@@ -175,7 +175,7 @@ class ForceEffect(Effect):
 
     @abstractmethod
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:
-        """phi_i, one per linear parameter, in the same order; the motion is that at the end of the step."""
+        """phi_i, one per linear parameter, in their order; advances the memories if m is a `MotionSample`."""
 
     def columns(self, motion: Motion) -> Array:
         """phi_i of a whole recording, from rest, shape (n, linear parameters)."""
@@ -186,10 +186,10 @@ class ForceEffect(Effect):
         return rows.T
 
     def span(self, motion: Motion) -> Array:
-        """Columns whose combinations are all that the effect can be at its `shape_names`, shape (n, m).
+        """Columns whose linear combinations are all forces of the effect at its `shape_names`, shape (n, m).
 
         By default `columns`. An effect overrides it where nonlinear parameters become linear in other
-        coordinates, as amplitude and phase do in sine and cosine; `from_span` leads back.
+        coordinates, as amplitude and phase do in sine and cosine; `from_span` is the inverse.
         """
         return self.columns(motion)
 
@@ -199,12 +199,12 @@ class ForceEffect(Effect):
 
     @classmethod
     def shape_names(cls) -> tuple[str, ...]:
-        """The parameters that `span` depends on: what is left to search after a linear fit."""
+        """The parameters that `span` depends on; a fit has to search these."""
         return tuple(p.name for p in cls.parameters if not p.linear)
 
     @property
     def linear_names(self) -> tuple[str, ...]:
-        """The linear parameters, in the order of `regressors`."""
+        """Linear parameters, in the order of `regressors`."""
         return tuple(p.name for p in self.parameters if p.linear)
 
     @property
@@ -214,23 +214,23 @@ class ForceEffect(Effect):
 
 
 class MotionEffect(Effect):
-    """Something between stage and instrument: the instrument's motion from the stage's."""
+    """A cause between stage and instrument, which changes the motion."""
 
     @abstractmethod
     def moved(self, m: Kinematics) -> Kinematics:
-        """The instrument's motion, of the kind that m is: `m.along` other positions."""
+        """The instrument's motion for the stage's motion m, of the type of m, see `along`."""
 
 
 class FactorEffect(Effect):
-    """Something along the instrument that lets more or less of the tip's force through, by the motion."""
+    """A cause along the instrument, which multiplies the tip's force by a factor of the motion."""
 
     @abstractmethod
     def factor(self, m: Kinematics, force_n: Value) -> Value:
-        """Factor of the forces of shaft and wall; force_n: their sum at the tip."""
+        """Factor by which the forces of shaft and wall are multiplied; force_n: their sum at the tip."""
 
 
 class ContactEffect(Effect):
-    """Decides whether the wall is touched at all."""
+    """A cause that decides if the wall is touched."""
 
     @abstractmethod
     def contact(self, m: Kinematics) -> tuple[Value, Value]:
@@ -238,11 +238,11 @@ class ContactEffect(Effect):
 
 
 class SensorEffect(Effect):
-    """Something between the force and its reading."""
+    """A cause between the force and its reading."""
 
     linear: ClassVar[bool] = False
-    """Whether the reading of a sum is the sum of the readings, so that it may be taken of each regressor."""
+    """True if the reading of a sum is the sum of the readings, so that it applies to each regressor."""
 
     @abstractmethod
     def reading(self, m: Kinematics, force_n: Value) -> Value:
-        """The reading in N of a force at m.t, m.dt after the last."""
+        """The reading in N of a force at m.t, m.dt after the last one."""

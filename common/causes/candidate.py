@@ -1,4 +1,4 @@
-"""How a diagnosis fits a cause: as columns of a regression, at given shape parameters.
+"""Forms in which a diagnosis fits a cause: columns of a regression at given shape parameters.
 
 A shape parameter is one that the force is not linear in (a width, a time constant, a frequency). It is
 searched between bounds that the recording itself sets: nothing shorter than its bandwidth or longer than
@@ -27,7 +27,7 @@ Entry = dict[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Extent:
-    """What a recording can tell apart: bounds of the shape parameters."""
+    """Bandwidth, length and ranges of a recording, from which the bounds of the shape parameters follow."""
 
     cutoff_hz: float
     duration_s: float
@@ -51,8 +51,8 @@ class Extent:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
-    """What a fit found of one cause, positive force resisting.
+class Fitted:
+    """Coefficients and shape of one cause in a fit, positive force resisting.
 
     `base`: mass, damping and stiffness of the same fit; `start_s`: stamp from which its times count.
     """
@@ -64,29 +64,29 @@ class Found:
 
 
 Grid = Callable[[Extent], list[Shape]]
-Naming = Callable[[Found], Values]
-Make = Callable[[Found], list[Entry]]
+Naming = Callable[[Fitted], Values]
+Make = Callable[[Fitted], list[Entry]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Candidate:
-    """One form of a cause as it is fitted and told. Its subclasses say what it does to the regression.
+    """One form of a cause, as it is fitted and named. Subclasses define its part in the regression.
 
     Attributes:
-        form: "" or what tells it from other forms of the same cause.
+        form: "" or the name that distinguishes it from other forms of the same cause.
         kind: the class of the effect; by default that of the cause, see `of`.
         values: parameters of the effect by its shape, where `shapes` are not these.
         coefficients, shapes: the parameters that its coefficients and its shape are, in their order.
-        naming, making: its parameters, its entries of a model.yaml, where these are others.
+        naming, making: override `named` and `entries`.
         signs: of its coefficients when positive force resists, +1, or 0 for either.
         grid, logarithmic: shapes that are tried first, none where the force is linear in the cause, and
             whether they are searched on a logarithmic scale.
         least_score, least_ratio: by how much the penalised -2 log likelihood must fall for it, and by which
             factor the residual's rms must grow without it.
-        sizes: parameters at whose zero there is no such cause: it is not named while the intervals of all of
-            them hold zero; by default the linear ones.
-        picture: as of its effect, where it shows in another variable.
-        costly: it has many shapes, and is tried only where more than noise is left.
+        sizes: parameters that are zero without the cause: it is not named while the intervals of all of them
+            contain zero; by default `coefficients`.
+        picture: overrides that of its effect.
+        costly: has many shapes, and is tried only where more than noise is left.
     """
 
     form: str = ""
@@ -106,42 +106,42 @@ class Candidate:
     costly: bool = False
 
     def of(self, kind: type[Effect]) -> Self:
-        """The form of that cause."""
-        fitted = self.kind if hasattr(self.kind, "name") else kind
-        return replace(self, kind=fitted, picture=self.picture or kind.picture)
+        """Copy for that cause: `kind` is set unless the form names another effect."""
+        effect_kind = self.kind if hasattr(self.kind, "name") else kind
+        return replace(self, kind=effect_kind, picture=self.picture or kind.picture)
 
     def effect(self, shape: Shape) -> Any:  # noqa: ANN401 - of `kind`
-        """The effect at that shape, within its bounds; what the shape does not set is at its default."""
+        """The effect at that shape, clipped to its bounds; other parameters have their defaults."""
         return self.kind(**within(self.kind, self.values_at(shape)))
 
     def values_at(self, shape: Shape) -> Values:
         return self.values(shape) if self.values else dict(zip(self.shapes, shape, strict=True))
 
-    def named(self, found: Found) -> Values:
+    def named(self, fitted: Fitted) -> Values:
         if self.naming is not None:
-            return self.naming(found)
-        linear = dict(zip(self.coefficients, found.coefficients, strict=False))
-        return {**linear, **dict(zip(self.shapes, found.shape, strict=True))}
+            return self.naming(fitted)
+        linear = dict(zip(self.coefficients, fitted.coefficients, strict=False))
+        return {**linear, **dict(zip(self.shapes, fitted.shape, strict=True))}
 
     @property
     def needed(self) -> tuple[str, ...]:
-        """`sizes`, or their default."""
+        """`sizes`, by default `coefficients`."""
         return self.coefficients if self.sizes is None else self.sizes
 
-    def entries(self, found: Found) -> list[Entry]:
+    def entries(self, fitted: Fitted) -> list[Entry]:
         """Entries of a model.yaml."""
-        return [entry(self.kind, self.named(found))] if self.making is None else self.making(found)
+        return [entry(self.kind, self.named(fitted))] if self.making is None else self.making(fitted)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Form(Candidate):
-    """The regressors of a force effect at a shape, by default one coefficient for each linear parameter.
+    """Regressors of a force effect at a shape, by default with one coefficient per linear parameter.
 
     Attributes:
         site: where it acts in this form, if not at its own site.
-        mix: rows of what each coefficient adds to the linear parameters, where they are not the same.
-        beside: further columns, of no parameter: of (motion, shape, regressors).
-        elements: so many effects in parallel, each with an equal part of the shape.
+        mix: row i is what coefficient i adds to the linear parameters, where these are not the coefficients.
+        beside: computes further columns, of no parameter, from (motion, shape, regressors).
+        elements: number of effects in parallel, each with an equal part of the shape.
     """
 
     site: Site | None = None
@@ -150,7 +150,7 @@ class Form(Candidate):
     elements: int = 1
 
     def of(self, kind: type[Effect]) -> Self:
-        """The form of that cause; signs are those of the parameters' bounds where it does not say so."""
+        """Copy for that cause; signs and coefficients, if not given, follow from its linear parameters."""
         form = super().of(kind)
         linear = [p for p in form.kind.parameters if p.linear]
         signs = tuple(1 if p.lower >= 0.0 else -1 if p.upper <= 0.0 else 0 for p in linear)
@@ -159,11 +159,11 @@ class Form(Candidate):
 
     @property
     def at_wall(self) -> bool:
-        """True where it acts in contact only."""
+        """True if it acts in contact only."""
         return (self.site or self.kind.site) == "wall"
 
     def columns(self, motion: MotionGrid, shape: Shape) -> list[Array]:
-        """Shape (n,) each: by element those of the coefficients, then those beside."""
+        """Columns of shape (n,): per element those of the coefficients, then those of `beside`."""
         columns: list[Array] = []
         for part in map(tuple, np.reshape(shape, (self.elements, -1)).tolist()):
             phi = self.effect(part).columns(motion).T
@@ -171,23 +171,23 @@ class Form(Candidate):
             columns += self.beside(motion, part, phi) if self.beside else []
         return columns
 
-    def named(self, found: Found) -> Values:
+    def named(self, fitted: Fitted) -> Values:
         if self.naming is not None or self.coefficients:
-            return super().named(found)
-        theta = np.array(self.mix).T @ found.coefficients[: len(self.mix)]
+            return super().named(fitted)
+        theta = np.array(self.mix).T @ fitted.coefficients[: len(self.mix)]
         linear = [p.name for p in self.kind.parameters if p.linear]
-        return {**dict(zip(linear, map(float, theta), strict=True)), **self.values_at(found.shape)}
+        return {**dict(zip(linear, map(float, theta), strict=True)), **self.values_at(fitted.shape)}
 
 
 class PositionWave(Form):
-    """Waves over the position, whose period in m is searched in what the rest leaves."""
+    """Waves over the position, whose period in m is searched in the residual of the other causes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ReadingColumns(Candidate):
     """Columns of the time in s since the recording's start, by default the span of the effect.
 
-    `over_time`: other ones, of (t, shape).
+    `over_time`: computes other ones from (t, shape).
     """
 
     over_time: Callable[[Array, Shape], Array] | None = None
@@ -200,19 +200,19 @@ class ReadingColumns(Candidate):
 
 
 class Periodic(ReadingColumns):
-    """Lines of a spectrum, which are searched in what the rest leaves."""
+    """Lines of a spectrum, which are searched in the residual of the other causes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mode(Candidate):
-    """Spectra that follow the acceleration's: of (rad/s, spectrum of the acceleration, shape)."""
+    """Spectra of forces, by `spectra` from (rad/s, spectrum of the acceleration, shape)."""
 
     spectra: Callable[[Array, Spectrum, Shape], list[Spectrum]]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Changing(Candidate):
-    """It changes the columns of all others, and has one of its own where it has a coefficient.
+    """A cause that changes the columns of all others, and has its own column if it has a coefficient.
 
     `mass_site`: where the mass is, by the motion that it makes: the stage's, before all that changes motion
     or force (sensor), the instrument's with or without contact (shaft), or in contact only (wall).
@@ -223,16 +223,17 @@ class Changing(Candidate):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Alignment(Changing):
-    """A factor of the spectra of all forces: of (rad/s, shape)."""
+    """Multiplies the spectra of all forces by `factor` of (rad/s, shape)."""
 
     factor: Callable[[Array, Shape], Spectrum]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Transmission(Changing):
-    """Another motion for all forces. Its own column is the instrument's acceleration, of a second mass."""
+    """Changes the motion for all forces. Its own column is the acceleration of a second mass behind it."""
 
     def moved(self, motion: MotionGrid, shape: Shape) -> MotionGrid:
+        """The motion behind the cause; of a contact effect the depth as position, and when it is touched."""
         effect = self.effect(shape)
         if isinstance(effect, ContactEffect):
             depth, touching = effect.contact(motion)
@@ -243,10 +244,9 @@ class Transmission(Changing):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Modulation(Changing):
-    """A factor of all forces at each instant. Its own column is a constant of the tip's.
+    """Multiplies all forces by a factor at each instant. Its own column is a constant force at the tip.
 
-    `by_tip`: it asks for the sign of the tip's force, which is zero at the reading that ends its shape; else
-    the tip pushes throughout.
+    `by_tip`: it depends on the sign of the tip's force, zero at the reading shape[-1]; else the tip pushes.
     """
 
     by_tip: bool = False
@@ -257,13 +257,13 @@ class Modulation(Changing):
 
 
 def within(kind: type[Effect], values: Values) -> Values:
-    """The values that are parameters of the effect, within their bounds."""
+    """Clips the values to the bounds of the effect's parameters; leaves out those that are no parameters."""
     bounds = {p.name: (p.lower, p.upper) for p in kind.parameters if p.name in values}
     return {name: float(min(max(values[name], low), high)) for name, (low, high) in bounds.items()}
 
 
 def entry(kind: type[Effect], values: Values) -> Entry:
-    """One effect, its parameters within the effect's bounds; a shorthand counts where no parameter is."""
+    """Entry of a model.yaml, values clipped to their bounds; shorthands count if no parameter is named."""
     inside = within(kind, values)
     if not inside:
         inside = within(kind, {t: v for name, v in values.items() for t in kind.shorthands.get(name, ())})
@@ -271,7 +271,7 @@ def entry(kind: type[Effect], values: Values) -> Entry:
 
 
 def base_name(name: str) -> str:
-    """The name in the vocabulary of one of its forms."""
+    """Name of the cause of a form `name:form`."""
     return name.partition(":")[0]
 
 
@@ -281,6 +281,6 @@ def log_grid(low: float, high: float, count: int) -> list[Shape]:
 
 
 def two(grid: list[Shape]) -> list[Shape]:
-    """Every pair of different values of a grid."""
+    """Every pair of different values of a grid of one parameter, the earlier one first."""
     single = [point[0] for point in grid]
     return [(short, long) for i, short in enumerate(single) for long in single[i + 1 :]]

@@ -6,7 +6,7 @@ from forefeel.common.causes.base import FactorEffect, Parameter
 from forefeel.common.causes.candidate import (
     Entry,
     Extent,
-    Found,
+    Fitted,
     Grid,
     Modulation,
     Shape,
@@ -33,14 +33,14 @@ def _wraps_of_depths(extent: Extent) -> list[Shape]:
 
 
 def _by_the_tip(form: str, wrap: str, grid: Grid) -> Modulation:
-    """Form by the sign of the tip's force, that of the reading without its offset, with a preload."""
+    """Form with a preload as coefficient; the tip's force has the sign of the reading less `zero_n`."""
 
-    def named(found: Found) -> Values:
-        return {wrap: found.shape[0]}
+    def named(fitted: Fitted) -> Values:
+        return {wrap: fitted.shape[0]}
 
-    def entries(found: Found) -> list[Entry]:
-        preload = entry(Bias, {"force_n": float(found.coefficients[0])})
-        return [entry(Capstan, named(found)), {**preload, "site": "wall"}]
+    def entries(fitted: Fitted) -> list[Entry]:
+        preload = entry(Bias, {"force_n": float(fitted.coefficients[0])})
+        return [entry(Capstan, named(fitted)), {**preload, "site": "wall"}]
 
     return Modulation(
         form=form, coefficients=("preload_n",), shapes=(wrap, "zero_n"), naming=named, making=entries,
@@ -84,6 +84,6 @@ class Capstan(FactorEffect):
     )  # fmt: skip
 
     def factor(self, m: Kinematics, force_n: Value) -> Value:
-        """exp(wrap s)."""
+        """exp(wrap s), s with the sign of force_n."""
         wrap = self.values["wrap_rad"] + self.values["wrap_rad_m"] * m.depth
         return m.exp(wrap * m.direction() * m.sign(force_n))

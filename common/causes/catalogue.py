@@ -1,7 +1,7 @@
-"""Every cause that a diagnosis can name, by the name of its form: our own and those of installed effects.
+"""Every form of a cause that a diagnosis can name: our own and those of installed effects.
 
 A force effect of another distribution (entry points of the group `forefeel.effects`) is tried like ours.
-Effects on motion, contact or reading of others are not searched: they would change the columns of all others.
+Installed effects on motion, contact or reading are not searched: they would change all other columns.
 """
 
 from collections.abc import Callable, Iterator, Mapping
@@ -14,18 +14,18 @@ from forefeel.common.causes.registry import OWN, effect_class, effect_names
 
 
 def kin(name: str) -> str:
-    """The thing on a bench that a cause describes, by the name of one of its forms."""
+    """Part of a bench that a cause describes, by the name of a form; the cause's name if it sets no `kin`."""
     return cause_class(name).kin or base_name(name)
 
 
 def no_rivals(name: str) -> set[str]:
-    """The causes that are no rivals of one: the same thing on a bench, as all kinds of dry friction are."""
+    """Names of the causes that describe the same part of a bench as a form, or dry friction as it does."""
     rubs, thing = cause_class(name).rubs, kin(name)
     return {base_name(n) for n in CANDIDATES if kin(n) == thing or (rubs and cause_class(n).rubs)}
 
 
 def cause_class(name: str) -> type[Effect]:
-    """The class of a cause, by the name of one of its forms; one without facts where it is not known."""
+    """Class of a cause, by the name of a form; plain `Effect`, with its defaults, for an unknown name."""
     known = base_name(name)
     return effect_class(known) if known in OWN or known in CANDIDATES else Effect
 
@@ -40,25 +40,25 @@ CANDIDATES: dict[str, Candidate] = {
 }
 
 
-def refresh(said: Callable[[str], None] = lambda line: None) -> None:
-    """Lets CANDIDATES know what is installed now, and nothing that no longer is.
+def refresh(report: Callable[[str], None] = lambda line: None) -> None:
+    """Adds to CANDIDATES the effects that are installed now, removes those that no longer are.
 
     Args:
-        said: hears in one line why an installed effect can not be searched.
+        report: gets one line for each installed effect that can not be searched.
     """
-    found = dict(_installed(said))
-    for name in [name for name in CANDIDATES if base_name(name) not in OWN and name not in found]:
+    installed = dict(_installed(report))
+    for name in [name for name in CANDIDATES if base_name(name) not in OWN and name not in installed]:
         del CANDIDATES[name]
-    CANDIDATES.update(found)
+    CANDIDATES.update(installed)
 
 
 def words(name: str) -> str:
-    """A cause in everyday words; its name where its effect has none."""
+    """Name of a cause in everyday words, by the name of a form; by default that name, without underscores."""
     return cause_class(name).words or name.replace("_", " ")
 
 
 def equation(name: str, parameters: Mapping[str, float]) -> tuple[bool, str]:
-    """Whether a cause adds a force, and its equation in numbers; its words where it has none of these."""
+    """(adds a force, equation in numbers) of a cause; (False, its words) if none has these parameters."""
     kind = cause_class(name)
     values = {key: f"{value:.3g}" for key, value in parameters.items()}
     for text in kind.equation:
@@ -67,20 +67,21 @@ def equation(name: str, parameters: Mapping[str, float]) -> tuple[bool, str]:
     return False, words(name)
 
 
-def _installed(said: Callable[[str], None]) -> Iterator[tuple[str, Candidate]]:
+def _installed(report: Callable[[str], None]) -> Iterator[tuple[str, Candidate]]:
+    """Forms of the effects that other distributions add; reports those that can not be searched."""
     for name in effect_names():
         if name in OWN:
             continue
         try:
             kind = effect_class(name)
         except ValueError as error:
-            said(f"not searched: {error}")
+            report(f"not searched: {error}")
             continue
         if kind.candidates:
             yield from _forms(kind)
         elif not issubclass(kind, ForceEffect):
-            said(f"not searched: {name} adds no force")
+            report(f"not searched: {name} adds no force")
         elif len(kind.shape_names()) > MOST_SHAPES:
-            said(f"not searched: {name} has {len(kind.shape_names())} parameters that are not linear")
+            report(f"not searched: {name} has {len(kind.shape_names())} parameters that are not linear")
         else:
             yield name, GenericForce().of(kind)

@@ -1,12 +1,12 @@
 """Forces of the speed: viscous by direction, drag with its square, damping that grows with depth."""
 
 from forefeel.common.causes.base import ForceEffect, Parameter
-from forefeel.common.causes.candidate import Form, Found, Values
+from forefeel.common.causes.candidate import Fitted, Form, Values
 from forefeel.common.causes.motion import Kinematics, Value
 
 
-def _by_direction(found: Found) -> Values:
-    (more,), damping = found.coefficients, found.base[1]
+def _by_direction(fitted: Fitted) -> Values:
+    (more,), damping = fitted.coefficients, fitted.base[1]
     return {"forward_n_s_m": damping + more, "backward_n_s_m": damping - more}
 
 

@@ -3,15 +3,15 @@
 import numpy as np
 
 from forefeel.common.causes.base import ForceEffect, Parameter
-from forefeel.common.causes.candidate import Entry, Extent, Form, Found, Shape, Values, entry, log_grid, two
+from forefeel.common.causes.candidate import Entry, Extent, Fitted, Form, Shape, Values, entry, log_grid, two
 from forefeel.common.causes.motion import BAND_M_S, Bristle, Kinematics, MotionGrid, PrandtlElement, Value
 from forefeel.common.causes.numerics import Array
 
 BREAKAWAY = Parameter("breakaway_m", "m", 0.0, 0.0, 1e6, linear=False)
-"""Distance over which friction goes from rest to its full size; 0 where it has it at once."""
+"""Distance over which friction grows from 0 to its full size; 0: at once."""
 BAND = Parameter("band_m_s", "m/s", BAND_M_S, BAND_M_S, 1e5, linear=False)
-"""Half the width of the linear band; wider than by default where the speed itself is not known so well."""
-# of the stroke, and how many are tried; a longer one is where presliding_hysteresis begins
+"""Half the width of the linear band; wider than by default if the speed is not known so well."""
+# of the stroke, and their number; longer ones are described by presliding_hysteresis
 _SHORTEST, _LONGEST, _LENGTHS = 1e-5, 6e-4, 4
 
 
@@ -32,15 +32,15 @@ class _AlongDirection(ForceEffect):
         return self.values["breakaway_m"] > 0.0
 
     def direction(self, m: Kinematics) -> Value:
-        """s in -1 to 1."""
+        """s, from -1 to 1; advances `element` if there is a breakaway distance and m is a sample."""
         breakaway_m = self.values["breakaway_m"]
         if breakaway_m <= 0.0:
             return m.direction(self.values.get(BAND.name, BAND_M_S))
         return m.through(self.element, m.rate * m.dt / breakaway_m)
 
 
-def _by_direction(found: Found) -> Values:
-    forward_n, backward_n = found.coefficients
+def _by_direction(fitted: Fitted) -> Values:
+    forward_n, backward_n = fitted.coefficients
     return {"force_n": 0.5 * (forward_n + backward_n), "forward_n": forward_n, "backward_n": backward_n}
 
 
@@ -110,14 +110,14 @@ class StribeckFriction(_AlongDirection):
         "ds = dx/{breakaway_m} within -1 to 1",
         "sgn(x') ({coulomb_n} + ({static_n} - {coulomb_n}) exp(-(x'/{stribeck_velocity_m_s})^2))",
     )
-    # the coefficients are Fc and Fs - Fc, which are positive both
+    # the coefficients are Fc and Fs - Fc, both positive
     candidates = (
         Form(mix=((1, 1), (0, 1)), shapes=("stribeck_velocity_m_s",), grid=_speeds, sizes=("static_n",)),
         Form(
             form="exponential", mix=((1, 1),), shapes=("stribeck_velocity_m_s",), grid=_speeds,
-            naming=lambda found: {
-                "coulomb_n": found.coefficients[0], "static_n": float(np.sum(found.coefficients)),
-                "stribeck_velocity_m_s": found.shape[0],
+            naming=lambda fitted: {
+                "coulomb_n": fitted.coefficients[0], "static_n": float(np.sum(fitted.coefficients)),
+                "stribeck_velocity_m_s": fitted.shape[0],
             },
             beside=lambda m, shape, _: [m.direction() * np.exp(-np.abs(m.v) / shape[0])],
             sizes=("static_n",),
@@ -144,21 +144,21 @@ def _unit(shape: Shape) -> Values:
     return {"force_n": 1.0, "stiffness_n_m": 1.0 / shape[0]}
 
 
-def _sum(found: Found) -> Values:
-    forces_n = found.coefficients[: len(found.shape)]
-    return {"force_n": sum(forces_n), "stiffness_n_m": float(np.sum(forces_n / np.array(found.shape)))}
+def _sum(fitted: Fitted) -> Values:
+    forces_n = fitted.coefficients[: len(fitted.shape)]
+    return {"force_n": sum(forces_n), "stiffness_n_m": float(np.sum(forces_n / np.array(fitted.shape)))}
 
 
-def _each(found: Found) -> list[Entry]:
+def _slip_elements(fitted: Fitted) -> list[Entry]:
     """Elements of a generalised Maxwell slip (Al-Bender, Lampaert, Swevers, IEEE T-AC 50(11), 2005)."""
     return [
         entry(PreslidingHysteresis, {"force_n": force_n, "stiffness_n_m": force_n / length_m})
-        for force_n, length_m in zip(found.coefficients, found.shape, strict=True)
+        for force_n, length_m in zip(fitted.coefficients, fitted.shape, strict=True)
     ]
 
 
 def _rates(motion: MotionGrid, _: Shape, phi: Array) -> list[Array]:
-    """LuGre: the rate of the bristles' deflection."""
+    """Rate of the bristles' deflection, as in the LuGre model: dphi/dt within each piece."""
     return [np.concatenate([np.gradient(phi[0][p], motion.t[p]) for p in motion.pieces])]
 
 
@@ -193,7 +193,7 @@ class PreslidingHysteresis(ForceEffect):
         ),
         Form(
             form="two", elements=2, signs=(1, 1), values=_unit, grid=lambda extent: two(_lengths(extent, 5)),
-            naming=_sum, sizes=("force_n",), making=_each,
+            naming=_sum, sizes=("force_n",), making=_slip_elements,
         ),
     )  # fmt: skip
 

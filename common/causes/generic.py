@@ -1,10 +1,9 @@
-"""Form of a force effect that has none of its own, such as one of another distribution.
+"""Form of a force effect that declares none, such as one of another distribution.
 
-Its `span` gives the columns, the parameters that it calls not linear are searched between its bounds, but for
-those that are off, at a lowest value of 0, by default; `from_span` leads back to its parameters. The scale is
-logarithmic for a positive parameter whose bounds are far apart; a linear one is searched as `exp` of its
-share of the range: one kind of search serves both. Time, where an effect depends on it, counts from the
-recording's first stamp.
+Its `span` gives the columns, and `from_span` the parameters. The parameters in `shape_names` are searched
+between their bounds, except those that are off by default: default and lower bound are 0. The scale is
+logarithmic for a positive parameter whose bounds are far apart; others are searched as `exp` of their share
+of the range, so that one kind of search serves both. Time counts from the recording's first stamp.
 """
 
 from dataclasses import replace
@@ -15,12 +14,12 @@ from typing import Self
 import numpy as np
 
 from forefeel.common.causes.base import Effect, ForceEffect, Parameter
-from forefeel.common.causes.candidate import Extent, Form, Found, Shape, Values
+from forefeel.common.causes.candidate import Extent, Fitted, Form, Shape, Values
 from forefeel.common.causes.motion import Motion, MotionGrid
 from forefeel.common.causes.numerics import Array
 
 MOST_SHAPES = 3
-# points of the first grid along each axis, by the number of axes: what a search of a second or two affords
+# points of the first grid along each axis, by the number of axes: a search of a second or two
 _POINTS = {0: 1, 1: 144, 2: 16, 3: 6}
 _FAR_APART = 10.0
 _FINEST = 40.0
@@ -30,6 +29,7 @@ class GenericForce(Form):
     """Columns of a span, over shapes between the bounds of the parameters."""
 
     def of(self, kind: type[Effect]) -> Self:
+        """Copy for that cause, with its grid and sizes; signs are free if it overrides `span`."""
         form = super().of(kind)
         sizes, grid = tuple(p.name for p in kind.parameters if p.linear), partial(_grid, form.searched)
         if form.kind.span is ForceEffect.span:
@@ -40,7 +40,7 @@ class GenericForce(Form):
 
     @property
     def searched(self) -> tuple[Parameter, ...]:
-        """The parameters that are searched, in the order of a shape."""
+        """Parameters that are searched, in the order of a shape."""
         wanted = self.kind.shape_names()
         return tuple(p for p in self.kind.parameters if p.name in wanted and not p.default == p.lower == 0.0)
 
@@ -54,19 +54,19 @@ class GenericForce(Form):
     def columns(self, motion: MotionGrid, shape: Shape) -> list[Array]:
         return list(self.effect(shape).span(motion).T)
 
-    def named(self, found: Found) -> Values:
-        values = self.effect(found.shape).from_span([float(c) for c in found.coefficients])
+    def named(self, fitted: Fitted) -> Values:
+        values = self.effect(fitted.shape).from_span([float(c) for c in fitted.coefficients])
         return {name: float(value) for name, value in values.items()}
 
 
 def _grid(searched: tuple[Parameter, ...], extent: Extent) -> list[Shape]:
-    """Every combination of points between bounds that the recording can tell apart."""
+    """Every combination of points on the axes of the parameters; an axis spans `_useful_bounds`."""
     axes = [_axis(p, extent, _POINTS[len(searched)]) for p in searched]
     return [tuple(map(float, point)) for point in product(*axes)]
 
 
 def _axis(p: Parameter, extent: Extent, count: int) -> Array:
-    low, high = _told_apart(p, extent)
+    low, high = _useful_bounds(p, extent)
     if _logarithmic(p):
         return np.geomspace(low, high, count)
     return np.asarray(np.exp((np.linspace(low, high, count) - p.lower) / (p.upper - p.lower)))
@@ -76,8 +76,8 @@ def _logarithmic(p: Parameter) -> bool:
     return p.lower > 0.0 and p.upper > _FAR_APART * p.lower
 
 
-def _told_apart(p: Parameter, extent: Extent) -> tuple[float, float]:
-    """Its bounds, narrowed by what the recording can tell apart in its unit."""
+def _useful_bounds(p: Parameter, extent: Extent) -> tuple[float, float]:
+    """Bounds of a parameter, narrowed by its unit to the values that the recording can tell apart."""
     e = extent
     useful: tuple[float, float] | None = {
         "m": (e.stroke_m / _FINEST, 2.0 * e.stroke_m),

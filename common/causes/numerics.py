@@ -1,4 +1,4 @@
-"""Evaluation of whole recordings: arrays, intervals, compiled loops, means over samples."""
+"""Numerics on whole recordings: intervals, compiled loops, means over samples."""
 
 from collections.abc import Callable
 from functools import cache, wraps
@@ -17,9 +17,9 @@ def intervals_s(t: Array) -> Array:
 
 
 def lazy_kernel(function: F) -> F:
-    """Compiles the loop at its first call: a daemon, which never calls it, does not load the compiler.
+    """Decorator that compiles a loop at its first call: a daemon, which never calls it, loads no compiler.
 
-    Arrays reach it contiguous and writable, copied where they are not: one compilation fits all recordings.
+    Arrays are passed contiguous and writable, else copied: one compilation fits all recordings.
     """
 
     @cache
@@ -55,7 +55,7 @@ def share_above(x: Array, limit: float) -> Array:
 
 
 def _means(u: Array, integral: Callable[[Array], Array], value: Callable[[Array], Array]) -> Array:
-    """Over half an interval to each side, by differences of the integral."""
+    """Means of `value` over half an interval to each side, u linear between; `integral`: antiderivative."""
     between = 0.5 * (u[1:] + u[:-1])
     ends = np.concatenate([u[:1], between]), np.concatenate([between, u[-1:]])
     total, at = integral(u), value(u)

@@ -8,7 +8,7 @@ import numpy as np
 from forefeel.common.causes.base import ForceEffect, Parameter
 from forefeel.common.causes.candidate import (
     Entry,
-    Found,
+    Fitted,
     Periodic,
     PositionWave,
     Values,
@@ -20,7 +20,7 @@ from forefeel.common.causes.numerics import Array
 
 
 def harmonic_parameters(frequency_hz: float, lower_hz: float, upper_hz: float) -> tuple[Parameter, ...]:
-    """The parameters of a periodic force whose fundamental lies between these bounds."""
+    """Parameters of a periodic force whose fundamental lies between these bounds."""
     return (
         Parameter("amplitude_n", "N", 0.0, 0.0, 1e3, explains=0.15),
         Parameter("frequency_hz", "Hz", frequency_hz, lower_hz, upper_hz, linear=False),
@@ -37,7 +37,7 @@ def harmonic_parameters(frequency_hz: float, lower_hz: float, upper_hz: float) -
 
 
 class PeriodicForce(ForceEffect):
-    """The force of `Pulsation`; t counts from the caller's own zero."""
+    """Base of forces with the equation of `Pulsation`; t counts from the caller's own zero."""
 
     clocked = True
 
@@ -66,7 +66,7 @@ class PeriodicForce(ForceEffect):
         return np.stack((*sines, *cosines)).T
 
     def from_span(self, coefficients: Sequence[float]) -> dict[str, float]:
-        """Amplitude, ratios and phases from sines and cosines; the fundamental must not vanish for ratios."""
+        """Amplitude, ratios and phases, from sines and cosines; ratios are 0 if the fundamental is."""
         sines, cosines = np.reshape(coefficients, (2, 3)).tolist()
         amplitude_n, phase = hypot(sines[0], cosines[0]), atan2(cosines[0], sines[0])
         values = {**self.values, "amplitude_n": amplitude_n, "phase_rad": phase}
@@ -80,20 +80,20 @@ class PeriodicForce(ForceEffect):
 
     @classmethod
     def shape_names(cls) -> tuple[str, ...]:
-        """The frequency: phases and ratios are linear in the span."""
+        """The frequency alone: phases and ratios are linear in the span."""
         return ("frequency_hz",)
 
 
-def _strongest(found: Found) -> Values:
-    sizes = np.hypot(*np.reshape(found.coefficients, (2, 3)))
-    return {"frequency_hz": found.shape[0], "amplitude_n": float(np.max(sizes))}
+def _strongest(fitted: Fitted) -> Values:
+    sizes = np.hypot(*np.reshape(fitted.coefficients, (2, 3)))
+    return {"frequency_hz": fitted.shape[0], "amplitude_n": float(np.max(sizes))}
 
 
-def _wave(found: Found) -> list[Entry]:
-    """Pulsation with phases by the stamp."""
-    (frequency_hz,), c = found.shape, found.coefficients
+def _wave(fitted: Fitted) -> list[Entry]:
+    """A pulsation whose phases count from stamp 0."""
+    (frequency_hz,), c = fitted.shape, fitted.coefficients
     wave = c[:3] + 1j * c[3:]  # sin + i cos: amplitude times exp(i phase) of a sine
-    wave = wave * np.exp(-2j * np.pi * frequency_hz * found.start_s * np.arange(1, 4))
+    wave = wave * np.exp(-2j * np.pi * frequency_hz * fitted.start_s * np.arange(1, 4))
     turned = [*wave.real.tolist(), *wave.imag.tolist()]
     return [entry(Pulsation, Pulsation(frequency_hz=frequency_hz).from_span(turned))]
 
@@ -102,7 +102,7 @@ class Pulsation(PeriodicForce):
     """`f = A (sin p + r2 sin(2p + q2) + r3 sin(3p + q3))`, p = 2 pi frequency_hz t + phase_rad.
 
     A = amplitude_n, r2 = second_harmonic_ratio, q2 = second_harmonic_phase_rad, r3 and q3 likewise.
-    t counts from the caller's own zero, so a phase found on one recording holds for that recording only.
+    t counts from the caller's own zero, so a phase from one recording holds for that recording only.
     """
 
     name = "pulsation"
@@ -118,7 +118,7 @@ class Pulsation(PeriodicForce):
 
 
 class MainsHum(PeriodicForce):
-    """As `pulsation`, also at no load."""
+    """Force of the equation of `pulsation`, in the sensor: also at no load."""
 
     name = "mains_hum"
     site = "sensor"
@@ -133,7 +133,7 @@ class PositionMap(ForceEffect):
     """`f = sum over j = 1, 2 of A_j sin(j p) + B_j cos(j p)`, p = 2 pi x / period_m.
 
     Periodic where the stroke holds several periods; of a period longer than the stroke a smooth map, which
-    no diagnosis looks for: it would take the place of a spring, a wall or a friction that is not understood.
+    no diagnosis searches: it would replace a spring, a wall or a friction that is not modelled.
     """
 
     name = "position_map"
@@ -157,7 +157,7 @@ class PositionMap(ForceEffect):
         PositionWave(
             shapes=("period_m",), costly=True, picture="position",
             grid=lambda extent: log_grid(extent.range_m / 20.0, extent.range_m / 3.0, 4),
-            least_score=30.0,  # of hundreds of periods the best of pure noise gains up to half of that
+            least_score=30.0,  # the best of hundreds of periods gains up to half of that in pure noise
         ),
     )  # fmt: skip
 

@@ -1,8 +1,8 @@
 """Effects by name: our own, and those that installed distributions add.
 
 A third party adds an effect by an entry point of the group `forefeel.effects` whose name is the effect's
-name; it is loaded, and tried before it is trusted with a loop, when a model first asks for that name. Our own
-names can not be taken over. docs/examples/effect-package is one.
+name. When a model first names it, it is loaded, and tried before a loop uses it. Our own names can not be
+overridden. Example: docs/examples/effect-package.
 """
 
 from collections.abc import Iterator, Sequence
@@ -53,13 +53,13 @@ OWN: dict[str, type[Effect]] = {
 
 
 def effect_names() -> tuple[str, ...]:
-    """Every name that `effect_class` knows, sorted; nothing is loaded."""
+    """Names of our own and of installed effects, sorted; loads nothing."""
     return tuple(sorted({*OWN, *(point.name for point in entry_points(group=ENTRY_POINT_GROUP))}))
 
 
 @cache
 def effect_class(name: str) -> type[Effect]:
-    """The effect of that name.
+    """The effect of that name; loads and tries an installed one at the first call.
 
     Raises:
         ValueError: no such effect, or an entry point that is not usable; one line.
@@ -73,7 +73,7 @@ def effect_class(name: str) -> type[Effect]:
 
 
 def compile_kernels() -> None:
-    """Runs every loop over a recording once, so that no later process waits for the compiler."""
+    """Runs every loop over a recording once, so that numba keeps its code for later processes."""
     t = np.arange(3.0) * 1e-3
     for kind in OWN.values():
         values = {p.name: min(max(p.default, p.lower, 1e-3), p.upper) for p in kind.parameters}
@@ -85,7 +85,7 @@ _TRIAL_STEP_S = 1e-3  # s, time and step of the trial calls: one period at 1 kHz
 
 
 def load_plugin(points: Sequence[EntryPoint]) -> type[Effect]:
-    """The effect that the entry points of one name give.
+    """Loads the effect of the entry points of one name, checks it and runs it for some steps.
 
     Raises:
         ValueError: more than one, not loadable, no effect of that name, or one that fails when it is tried at
@@ -113,7 +113,7 @@ def load_plugin(points: Sequence[EntryPoint]) -> type[Effect]:
 
 
 def _flaws(kind: type[Effect], name: str) -> Iterator[str]:
-    """What is wrong with how the effect describes itself, the gravest first."""
+    """Texts on wrong class attributes of an effect: name, parameters, bounds, site; the gravest first."""
     if getattr(kind, "name", None) != name:
         yield f"expected an effect named {name}, its name is {getattr(kind, 'name', None)!r}"
     if isabstract(kind):
@@ -130,19 +130,19 @@ def _flaws(kind: type[Effect], name: str) -> Iterator[str]:
 
 
 def _try(kind: type[Effect]) -> None:
-    """A few steps at the defaults, beside a mass, a damper and a spring that it acts on.
+    """Runs an effect at its defaults beside a mass, damper and spring: three steps, and a recording.
 
     Raises:
-        Exception: what the effect raises, or a ValueError on a result of the wrong shape.
+        Exception: any error of the effect, or a ValueError on a result that is not finite or of wrong length.
     """
     runtime = ContactRuntime([(wall.MassDamperSpring(), None), (kind(), None)])
     for x, v, a in ((0.01, 0.02, 0.5), (0.005, -0.02, -0.5), (0.0, 0.0, 0.0)):
         phi = runtime.regressors(_TRIAL_STEP_S, x, v, a, _TRIAL_STEP_S)
-        found, count = (*phi, runtime.step(_TRIAL_STEP_S, x, v, a, _TRIAL_STEP_S)), len(runtime.linear_names)
-        if len(phi) != count or not all(map(isfinite, found)):
-            raise ValueError(f"{found} beside mass, damper, spring; expected {count} regressors and a force")
+        values, count = (*phi, runtime.step(_TRIAL_STEP_S, x, v, a, _TRIAL_STEP_S)), len(runtime.linear_names)
+        if len(phi) != count or not all(map(isfinite, values)):
+            raise ValueError(f"{values} beside mass, damper, spring; expected {count} regressors and a force")
     t = np.arange(3.0) * _TRIAL_STEP_S
-    runtime.forces_n(t, t, t, t)  # where an equation that asks `if` of a value fails
+    runtime.forces_n(t, t, t, t)  # fails if an equation applies `if` to a value
 
 
 def _line(error: BaseException) -> str:

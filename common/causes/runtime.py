@@ -1,4 +1,4 @@
-"""Several effects composed into one contact: the plant's force, the predictor's regressors."""
+"""Composition of effects into one contact: the plant's force, the predictor's regressors."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -22,13 +22,13 @@ from forefeel.common.causes.motion import Motion, MotionSample
 from forefeel.common.causes.numerics import Array
 
 SITES: tuple[Site, ...] = "sensor", "shaft", "wall"
-"""In the order of a runtime's regressors."""
+"""Sites in the order of a runtime's regressors."""
 
 
 class WallMotion:
-    """An instrument's motion as the effects of the wall see it: in contact only, and each contact by itself.
+    """An instrument's motion as the effects of the wall see it: in contact only, one piece per contact.
 
-    Without a `contact`, which decides on it, the wall is touched throughout.
+    Without a contact effect the wall is touched throughout.
     """
 
     def __init__(self, contact: ContactEffect | None, motion: Motion) -> None:
@@ -40,7 +40,7 @@ class WallMotion:
         self._n = len(motion.t)
 
     def columns(self, effect: ForceEffect) -> Array:
-        """Columns of an effect, 0 without contact; shape (n, its linear parameters)."""
+        """Columns of an effect, 0 out of contact; shape (n, its linear parameters)."""
         columns = np.zeros((self._n, len(effect.linear_names)))
         columns[self._rows] = effect.columns(self._motion)
         return columns
@@ -51,7 +51,7 @@ class ContactRuntime:
 
     1. motion effects turn the stage's motion into the instrument's, in the order given;
     2. `contact_loss`, where there is one, decides on contact and gives the depth that the wall's effects see
-       as their position; without contact they give nothing, and have forgotten their state;
+       as their position; out of contact they give 0, and their state is reset;
     3. force effects are summed: those in the sensor see the stage's motion, the others the instrument's;
     4. factor effects multiply the forces of shaft and wall, by the sum of these forces;
     5. sensor effects turn the force into the reading, in the order given.
@@ -90,7 +90,7 @@ class ContactRuntime:
         self._compose_forces(effects)
 
     def _compose_forces(self, effects: Sequence[tuple[Effect, Site | None]]) -> None:
-        """Sorts the force effects by site and numbers those of equal name."""
+        """Sorts the force effects by site, numbers those of equal name, sets `linear_names` and values."""
         by_site: dict[Site, list[ForceEffect]] = {site: [] for site in SITES}
         labels: dict[ForceEffect, str] = {}
         count: Counter[str] = Counter()
@@ -112,10 +112,10 @@ class ContactRuntime:
         self._no_wall, self._unheld = (0.0,) * wall, (0.0,) * (shaft + wall)
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> list[float]:
-        """phi_i of `linear_names` after advancing the effects by dt to time t; 0 at the wall out of contact.
+        """Advances the effects by dt to time t; returns phi_i of `linear_names`: 0 at a wall out of contact.
 
-        t, dt in s; x m, v m/s, a m/s^2: the stage's motion at the end of the step.
-        Call this or `step`, once per step.
+        t, dt in s; x m, v m/s, a m/s^2: the stage's motion at the end of the step. To be called once per
+        step, or `step` in its place.
         """
         phi: list[float] = []
         m = self._sample
@@ -125,7 +125,7 @@ class ContactRuntime:
         for moved in self._moved:
             m = moved(m)
         self.instrument_m = m.x
-        own = len(phi)
+        first = len(phi)
         for compute in self._at_shaft:
             phi += compute(m)
         x = m.x
@@ -140,13 +140,13 @@ class ContactRuntime:
                 phi += compute(m)
             m.x = x
         if self._factors:
-            force_n = sum(map(mul, self.linear_values[own:], phi[own:]))
+            force_n = sum(map(mul, self.linear_values[first:], phi[first:]))
             factor = prod(effect.factor(m, force_n) for effect in self._factors)
-            phi[own:] = [factor * each for each in phi[own:]]
+            phi[first:] = [factor * value for value in phi[first:]]
         return phi
 
     def regressors_unheld(self, t: float, x: float, v: float, a: float, dt: float) -> list[float]:
-        """As `regressors` while the fixture does not hold the instrument: only the sensor's own act."""
+        """Regressors while the fixture does not hold the instrument: 0 but for the effects in the sensor."""
         phi: list[float] = []
         m = self._sample
         m.t, m.x, m.v, m.a, m.dt = t, x, v, a, dt
@@ -156,14 +156,14 @@ class ContactRuntime:
         return phi
 
     def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
-        """The force in N, as sensed, after advancing every effect by dt to time t; see `regressors`."""
+        """Advances every effect by dt to time t and returns the sensed force in N; see `regressors`."""
         force_n: float = sum(map(mul, self.linear_values, self.regressors(t, x, v, a, dt)))
         for reading in self._readings:
             force_n = reading(self._sample, force_n)
         return force_n
 
     def step_unheld(self, t: float, x: float, v: float, a: float, dt: float) -> float:
-        """As `step` while the fixture does not hold the instrument."""
+        """Sensed force in N while the fixture does not hold the instrument; advances the sensor alone."""
         force_n: float = sum(map(mul, self.linear_values, self.regressors_unheld(t, x, v, a, dt)))
         for reading in self._readings:
             force_n = reading(self._sample, force_n)
@@ -172,18 +172,18 @@ class ContactRuntime:
     def columns(self, t: Array, x: Array, v: Array, a: Array, *, sensed: bool = False) -> Array:
         """`regressors` at every stamp of a recording, from rest at the first; shape (n, linear names).
 
-        `sensed`: as the linear ones of the sensor effects, such as a lag, pass each of them on.
+        `sensed`: passes each column through the linear sensor effects, such as a lag.
         """
         stage = m = Motion.of(t, x, v, a)
         for moved in self._moved:
             m = moved(m)
         wall = WallMotion(self._contact, m)
         acting = [*(effect.columns(m) for effect in self._shaft), *(wall.columns(e) for e in self._wall)]
-        own = np.concatenate([np.empty((len(t), 0)), *acting], axis=1)
+        at_tip = np.concatenate([np.empty((len(t), 0)), *acting], axis=1)
         if self._factors:
-            force_n = own @ np.array(self.linear_values[len(self.linear_values) - own.shape[1] :])
-            own = own * np.prod([effect.factor(m, force_n) for effect in self._factors], axis=0)[:, None]
-        phi = np.concatenate([*(effect.columns(stage) for effect in self._sensor), own], axis=1)
+            force_n = at_tip @ np.array(self.linear_values[len(self.linear_values) - at_tip.shape[1] :])
+            at_tip *= np.prod([effect.factor(m, force_n) for effect in self._factors], axis=0)[:, None]
+        phi = np.concatenate([*(effect.columns(stage) for effect in self._sensor), at_tip], axis=1)
         for sensor in self._sensors if sensed else ():
             if sensor.linear:
                 phi = np.stack([sensor.reading(stage, column) for column in phi.T], axis=1)
@@ -198,14 +198,14 @@ class ContactRuntime:
         return force_n
 
     def revalue(self, values: Sequence[Mapping[str, float]]) -> None:
-        """Gives each effect, in the order that they came in, other values; the states stay."""
+        """Changes the values of the effects, in the order given to the class, and keeps the states."""
         for effect, given in zip(self._effects, values, strict=True):
             if any(effect.values.get(name) != value for name, value in given.items()):
                 effect.revalue(**given)
         self.linear_values = tuple(value for effect in self._forces for value in effect.linear_values)
 
     def reset_contact(self) -> None:
-        """Forgets the state of motion and contact, as after a new grip, but not that of the sensor."""
+        """Resets all effects but those on the reading, as after a new grip."""
         for effect in self._effects:
             if not isinstance(effect, SensorEffect):
                 effect.reset()

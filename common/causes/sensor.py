@@ -8,7 +8,7 @@ from forefeel.common.causes.base import ForceEffect, Parameter, SensorEffect
 from forefeel.common.causes.candidate import (
     Alignment,
     Entry,
-    Found,
+    Fitted,
     ReadingColumns,
     entry,
     log_grid,
@@ -37,10 +37,10 @@ class Bias(ForceEffect):
         return (1.0,)
 
 
-def _from_start(found: Found) -> list[Entry]:
-    """The ramp, and the bias that it has at the stamp 0."""
-    rate = found.coefficients[0] / (found.shape[0] if found.shape else 1.0)
-    shift = [entry(Bias, {"force_n": -rate * found.start_s})] if found.start_s else []
+def _from_start(fitted: Fitted) -> list[Entry]:
+    """The ramp, and as a bias its value at stamp 0, unless the recording starts there."""
+    rate = fitted.coefficients[0] / (fitted.shape[0] if fitted.shape else 1.0)
+    shift = [entry(Bias, {"force_n": -rate * fitted.start_s})] if fitted.start_s else []
     return [entry(SensorDrift, {"rate_n_s": rate}), *shift]
 
 
@@ -63,7 +63,7 @@ class SensorDrift(ForceEffect):
         ReadingColumns(
             form="creep", signs=(0,), over_time=lambda t, shape: (1.0 - np.exp(-t / shape[0]))[:, None],
             grid=lambda extent: log_grid(0.1 * extent.duration_s, 0.7 * extent.duration_s, 5),
-            naming=lambda of: {"rate_n_s": of.coefficients[0] / of.shape[0], "settling_s": of.shape[0]},
+            naming=lambda fit: {"rate_n_s": fit.coefficients[0] / fit.shape[0], "settling_s": fit.shape[0]},
             sizes=("rate_n_s",), making=_from_start,
         ),
     )  # fmt: skip
@@ -105,7 +105,7 @@ class SensorLag(SensorEffect):
 
 
 class TimeDelay(SensorEffect):
-    """`y(t) = f(t - delay_s)`, straight between the steps; before its first force that one is taken."""
+    """`y(t) = f(t - delay_s)`, linear between the steps; at first it repeats the first force."""
 
     name = "time_delay"
     linear = True
@@ -200,6 +200,7 @@ class SensorSpikes(SensorEffect):
         return force_n + m.elementwise(self._spike_n, m.t, m.dt)
 
     def _spike_n(self, t: float, dt: float) -> float:
+        """Size in N of the latest spike that acts at t; 0 without."""
         if self._slots_hz == 0.0:
             return 0.0
         since = t - min(max(dt, self._duration_s), _LONGEST_S)
@@ -212,7 +213,7 @@ class SensorSpikes(SensorEffect):
         return 0.0
 
     def _in_slot(self, slot: int) -> tuple[float, float] | None:
-        """(instant s, size N) of the spike in a slot, if it holds one."""
+        """(instant in s, size in N) of the spike in a slot; None if it has none."""
         if self._slots_hz == 0.0 or _uniform(slot * 4 + self._seed) * _SLOTS >= 1.0:
             return None
         place, size = _uniform(slot * 4 + 1 + self._seed), _uniform(slot * 4 + 2 + self._seed)

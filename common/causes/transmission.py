@@ -12,7 +12,7 @@ from forefeel.common.causes.candidate import (
     Candidate,
     Entry,
     Extent,
-    Found,
+    Fitted,
     Shape,
     Transmission,
     Values,
@@ -24,12 +24,12 @@ from forefeel.common.causes.wall import MassDamperSpring
 
 
 def widths(extent: Extent) -> list[Shape]:
-    """From a two hundredth of the stroke to more than half of it."""
+    """Widths in m that are tried, .005 to .6 of the stroke."""
     return log_grid(0.005 * extent.stroke_m, 0.6 * extent.stroke_m, 9)
 
 
 class Backlash(MotionEffect):
-    """The play operator of full width w = width_m: the instrument rests while the stage crosses the gap.
+    """Play operator of full width w = width_m: the instrument rests while the stage crosses the gap.
 
     `y(t + dt) = min(max(y(t), x - w/2), x + w/2)`; without history the stage stands in the middle of the gap.
     """
@@ -50,7 +50,7 @@ class Backlash(MotionEffect):
     gap = Gap()
 
     def moved(self, m: Kinematics) -> Kinematics:
-        """The stage's own motion while it pushes or pulls, rest inside the gap."""
+        """Instrument's motion: the stage's velocity and acceleration while it pushes or pulls, else rest."""
         if self.values["width_m"] == 0.0:
             return m
         y, carried = m.through(self.gap, m.x, 0.5 * self.values["width_m"], nan, 1.0)
@@ -70,20 +70,20 @@ def _loose_shapes(extent: Extent) -> list[Shape]:
     return [(width * extent.stroke_m, low_m + rest * range_m, settling) for width, rest, settling in points]
 
 
-def _named(found: Found) -> Values:
-    width_m, rest_m, settling_s = found.shape
-    (behind_kg,) = map(float, found.coefficients)
+def _named(fitted: Fitted) -> Values:
+    width_m, rest_m, settling_s = fitted.shape
+    (behind_kg,) = map(float, fitted.coefficients)
     return {"width_m": width_m, "rest_position_m": rest_m, "settling_s": settling_s, "behind_kg": behind_kg}
 
 
-def _with_mass_behind(found: Found) -> list[Entry]:
-    values = _named(found)
+def _with_mass_behind(fitted: Fitted) -> list[Entry]:
+    values = _named(fitted)
     mass = {"mass_kg": values["behind_kg"], "damping_n_s_m": 0.0, "stiffness_n_m": 0.0}
     return [entry(Play, values), entry(MassDamperSpring, mass)]
 
 
 class Play(Backlash):
-    """As `backlash`, but the mass moves with the stage: only what resists is behind the gap.
+    """Backlash of the contact alone: the mass moves with the stage, only what resists is behind the gap.
 
     Within the gap friction holds the instrument, or, with a settling_s below HELD_S, the tissue's spring
     takes it to rest_position_m: `y' = -(y - rest) / settling`, settling = damping / stiffness. It then lies
@@ -120,7 +120,7 @@ class Play(Backlash):
     )  # fmt: skip
 
     def moved(self, m: Kinematics) -> Kinematics:
-        """The stage's own motion while it pushes or pulls, towards rest inside the gap."""
+        """Instrument's motion: with the stage while it pushes or pulls, else at rest or settling to it."""
         width_m, rest_m, settling_s = (self.values[p.name] for p in self.parameters)
         if settling_s >= HELD_S or width_m == 0.0:
             return super().moved(m)

@@ -9,7 +9,7 @@ from forefeel.common.causes.candidate import (
     Alignment,
     Entry,
     Extent,
-    Found,
+    Fitted,
     Mode,
     Shape,
     Spectrum,
@@ -22,10 +22,10 @@ from forefeel.common.causes.numerics import Array
 _SHAPES = ("frequency_hz", "damping_ratio")
 
 HIGHEST_MODE = 0.85
-"""Of the cutoff: a mode above shows no side of its peak that falls."""
+"""Part of the cutoff: the falling side of a peak above it is not seen."""
 
 MOST_DAMPED = 0.3
-"""A mode with more damping has no peak to know it by."""
+"""A mode with more damping has no peak."""
 
 
 def _modes(extent: Extent) -> list[Shape]:
@@ -34,26 +34,27 @@ def _modes(extent: Extent) -> list[Shape]:
 
 
 def _free(omega: Array, driven: Spectrum, shape: Shape) -> list[Spectrum]:
-    """A hanging mass, `y'' + 2 zeta w y' + w^2 y = a`: spring and damper apart, `w^2 y` and `w y'`."""
+    """Spectra of `w^2 y` and `w y'`, spring and damper of a hanging mass `y'' + 2 zeta w y' + w^2 y = a`."""
     w, zeta = 2.0 * pi * shape[0], shape[1]
     y = driven / (w * w - omega**2 + 2j * zeta * w * omega)
     return [w * w * y, 1j * w * omega * y]
 
 
 def _hanging(omega: Array, driven: Spectrum, shape: Shape) -> list[Spectrum]:
-    """What the hanging mass pulls with, `w^2 y + 2 zeta w y'`."""
+    """Spectrum of the pull of the hanging mass, `w^2 y + 2 zeta w y'`."""
     spring, damper = _free(omega, driven, shape)
     return [spring + 2.0 * shape[1] * damper]
 
 
 def _weak(omega: Array, shape: Shape) -> Spectrum:
-    """A fixture that gives way: the force of everything that it holds."""
+    """Factor of all forces behind a fixture that gives way: `w^2 / (w^2 - omega^2 + 2j zeta w omega)`."""
     w, zeta = 2.0 * pi * shape[0], shape[1]
     return np.asarray(w * w / (w * w - omega**2 + 2j * zeta * w * omega))
 
 
-def _absorber(found: Found) -> list[Entry]:
-    (frequency_hz, damping_ratio), c = found.shape, found.coefficients
+def _absorber(fitted: Fitted) -> list[Entry]:
+    """A resonance from c[0] `w^2 y` + c[1] `w y'`; without c[1] its damper follows from the shape."""
+    (frequency_hz, damping_ratio), c = fitted.shape, fitted.coefficients
     w, damper = 2.0 * pi * frequency_hz, c[1] if len(c) > 1 else 2.0 * damping_ratio * c[0]
     values = {
         "stiffness_n_m": c[0] * w * w, "damping_n_s_m": damper * w, "frequency_hz": frequency_hz,
@@ -63,7 +64,7 @@ def _absorber(found: Found) -> list[Entry]:
 
 
 class UnmodelledResonance(ForceEffect):
-    """A mass that hangs on the moving part by a spring and a damper.
+    """Force of a mass that hangs on the moving part by a spring and a damper.
 
     `f = stiffness_n_m z + damping_n_s_m z'`, where its lag z behind the motion obeys
     `z'' + 2 d w z' + w^2 z = a`, w = 2 pi frequency_hz, d = damping_ratio, solved exactly for an acceleration

@@ -1,4 +1,4 @@
-"""What is touched: mass, damper and spring, stiffening, relaxation, a change of stiffness, lost contact."""
+"""Wall: mass, damper and spring, stiffening, relaxation, a change of stiffness, loss of contact."""
 
 import numpy as np
 
@@ -6,8 +6,8 @@ from forefeel.common.causes.base import ContactEffect, ForceEffect, Parameter
 from forefeel.common.causes.candidate import (
     Entry,
     Extent,
+    Fitted,
     Form,
-    Found,
     Shape,
     Transmission,
     Values,
@@ -40,7 +40,7 @@ class MassDamperSpring(ForceEffect):
 
 
 _MOST = 50.0
-"""Lengths beyond which the force stays: far outside of any tissue, and of no overflow."""
+"""Exponent at which the force is clipped: far outside of any tissue, and below an overflow."""
 
 
 class ExponentialWall(ForceEffect):
@@ -65,9 +65,9 @@ class ExponentialWall(ForceEffect):
         return (m.expm1(u) - u,)
 
 
-def _series(found: Found) -> Values:
-    """The exponential with its second and third order."""
-    (force_n,), (length_m,) = found.coefficients, found.shape
+def _series(fitted: Fitted) -> Values:
+    """Parameters of the exponential and the second and third order terms of its series."""
+    (force_n,), (length_m,) = fitted.coefficients, fitted.shape
     return {
         "quadratic_n_m2": force_n / (2.0 * length_m**2), "cubic_n_m3": force_n / (6.0 * length_m**3),
         "exponential_n": force_n, "length_m": length_m,
@@ -107,7 +107,7 @@ class Stiffening(ForceEffect):
 
 
 def _earlier(motion: MotionGrid, shape: Shape, _: Array) -> list[Array]:
-    """What an earlier stroke left, exp(-t/tau)."""
+    """Column exp(-t/tau) in the first piece, 0 after: rest of a stroke before the recording."""
     first = np.zeros_like(motion.x)
     first[motion.pieces[0]] = np.exp(-motion.t[motion.pieces[0]] / shape[0])
     return [first]
@@ -117,18 +117,18 @@ def _times(extent: Extent, count: int = 10) -> list[Shape]:
     return log_grid(2.0 / extent.cutoff_hz, 0.25 * extent.duration_s, count)
 
 
-def _both(found: Found) -> Values:
-    c, s = found.coefficients, found.shape
+def _both(fitted: Fitted) -> Values:
+    c, s = fitted.coefficients, fitted.shape
     return {
         "stiffness_n_m": c[0], "time_constant_s": s[0],
         "second_stiffness_n_m": c[2], "second_time_constant_s": s[1],
     }  # fmt: skip
 
 
-def _each(found: Found) -> list[Entry]:
+def _branches(fitted: Fitted) -> list[Entry]:
     return [
         entry(StressRelaxation, {"stiffness_n_m": k, "time_constant_s": tau})
-        for k, tau in zip(found.coefficients[::2], found.shape, strict=True)
+        for k, tau in zip(fitted.coefficients[::2], fitted.shape, strict=True)
     ]
 
 
@@ -159,7 +159,7 @@ class StressRelaxation(ForceEffect):
         Form(
             form="two", elements=2, values=lambda shape: {"time_constant_s": shape[0]}, signs=(1, 0, 1, 0),
             beside=_earlier, grid=lambda extent: two(_times(extent, 6)), naming=_both,
-            sizes=("stiffness_n_m",), making=_each,
+            sizes=("stiffness_n_m",), making=_branches,
         ),
     )  # fmt: skip
     lag = Lag()
@@ -177,25 +177,26 @@ def _doubling(shape: Shape) -> Values:
     return {"time_s": shape[0], "ratio": 2.0}
 
 
-def _ratio(found: Found) -> Values:
-    change, stiffness = found.coefficients[0], found.base[2]
+def _ratio(fitted: Fitted) -> Values:
+    change, stiffness = fitted.coefficients[0], fitted.base[2]
     return {
-        "time_s": found.start_s + found.shape[0],
+        "time_s": fitted.start_s + fitted.shape[0],
         "ratio": 1.0 + change / stiffness if stiffness else float("inf"),
     }
 
 
-def _ratio_and_rest(found: Found) -> Values:
-    change, level = found.coefficients
-    return {**_ratio(found), "rest_position_m": -level / change if change else float("inf")}
+def _ratio_and_rest(fitted: Fitted) -> Values:
+    change, level = fitted.coefficients
+    return {**_ratio(fitted), "rest_position_m": -level / change if change else float("inf")}
 
 
-def _change(found: Found) -> list[Entry]:
-    stiffness = float(max(found.base[2], 1e-9))
-    change, level = (*map(float, found.coefficients), 0.0)[:2]
+def _change(fitted: Fitted) -> list[Entry]:
+    """Change of the stiffness of the fit, at least 1e-9 N/m; a level gives the rest position, else 0."""
+    stiffness = float(max(fitted.base[2], 1e-9))
+    change, level = (*map(float, fitted.coefficients), 0.0)[:2]
     values = {
         "stiffness_n_m": stiffness,
-        "time_s": found.start_s + found.shape[0],
+        "time_s": fitted.start_s + fitted.shape[0],
         "ratio": 1.0 + change / stiffness,
         "rest_position_m": -level / change if change else 0.0,
     }
@@ -203,11 +204,10 @@ def _change(found: Found) -> list[Entry]:
 
 
 class StiffnessChange(ForceEffect):
-    """From `time_s` on the wall's stiffness is `ratio` times what it was.
+    """Change of the wall's stiffness at `time_s`, by the factor `ratio`.
 
-    An effect adds a force, so this is what the change adds: `f = stiffness_n_m (ratio - 1) (x - x0)` from
-    `time_s` on, where stiffness_n_m repeats the wall's stiffness before the change and x0 = rest_position_m
-    is where its spring is relaxed. t counts from the caller's own zero.
+    It adds `f = stiffness_n_m (ratio - 1) (x - x0)` from `time_s` on. stiffness_n_m repeats the wall's before
+    the change, whose spring is relaxed at x0 = rest_position_m; t counts from the caller's own zero.
     """
 
     name = "stiffness_change"
@@ -229,7 +229,7 @@ class StiffnessChange(ForceEffect):
         Form(
             form="rest", values=_doubling, signs=(0, 0), logarithmic=False, grid=_instants,
             beside=lambda motion, shape, _: [np.asarray(motion.t >= shape[0], dtype=np.float64)],
-            least_score=40.0, least_ratio=1.5,  # a level that steps describes a little of anything slow
+            least_score=40.0, least_ratio=1.5,  # a stepping level fits a little of any slow change
             naming=_ratio_and_rest, making=_change,
         ),
     )  # fmt: skip
@@ -240,7 +240,7 @@ class StiffnessChange(ForceEffect):
 
 
 def _places(extent: Extent) -> list[Shape]:
-    """Finer where the stroke ends: a contact that is lost there is lost for a moment only."""
+    """Contact positions that are tried; denser near the lowest, where it is lost for a moment only."""
     shares = (0.015, 0.035, *np.linspace(0.06, 0.85, 15))
     return [(extent.low_m + float(share) * extent.range_m,) for share in shares]
 
@@ -277,13 +277,13 @@ class ContactLoss(ContactEffect):
         ),
         Transmission(
             form="pushing", shapes=("contact_position_m", "release_s"), logarithmic=False,
-            grid=lambda extent: [(*place, each) for place in _places(extent)[::2] for each in _RELEASES_S],
+            grid=lambda extent: [(*place, s) for place in _places(extent)[::2] for s in _RELEASES_S],
             mass_site="shaft", costly=True,
         ),
     )  # fmt: skip
 
     def contact(self, m: Kinematics) -> tuple[Value, Value]:
-        """The depth, and 1 while the wall pushes."""
+        """(depth in m, 0 while the wall does not push; 1 while it pushes, else 0)."""
         depth, release_s = m.x - self.values["contact_position_m"], self.values["release_s"]
         touching = m.above(depth)
         if release_s == 0.0:

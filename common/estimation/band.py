@@ -1,14 +1,14 @@
-"""The 95 % band: a scale that follows the errors, times the quantile of the errors seen by that scale.
+"""The 95 % band: a scale that follows the errors, times a quantile of past errors over that scale.
 
     scale^2 = (mean |e| of the last 2 s)^2 + 2 (variance of the experts) + (d / 20)^2
 
-with d the deviation from the hold. Each error that is seen adds its score |e| / scale to a histogram in
-eighths of an octave, which forgets with a time constant of a quarter of the time that has been scored, at
-most 20 s: what the predictor did wrong before it had learned is not held against it for long. The factor is
+with d the deviation from the hold. Each error adds its score |e| / scale to a histogram in eighths of an
+octave, which fades with a time constant of a quarter of the time that has been scored, at most 20 s: errors
+from before the predictor had learned fade soon. The factor is
 the histogram's 95 % quantile times 2^s, and the shift s <- s + 0.1 w (miss - 0.05) after each force, so that
 in the long run one in twenty misses, whatever the errors' distribution (Gibbs and Candes, Adaptive conformal
-inference, NeurIPS 2021). The band is no wider than the largest error that the hold has made; before any error
-was seen it reaches as far as the forces have.
+inference, NeurIPS 2021). The band is no wider than the largest error that the hold has made; before any
+error it is as wide as the range of the forces.
 """
 
 import math
@@ -29,11 +29,11 @@ _SHIFT_LIMIT = 2.0
 _OF_SPREAD = 2.0
 _OF_DEVIATION = 0.05
 _OF_RANGE = 1e-3
-"""The scale is at least this part of the forces' range: what a sensor resolves at best."""
+"""The scale is at least this part of the forces' range: the best resolution of a sensor."""
 
 _BINS, _ZERO_BIN, _PER_OCTAVE = 128, 64, 8.0
 _FIRST_BIN, _FIRST_S = 72, 0.1
-"""Before anything was seen: a score of 2, that counts as much as 0.1 s of errors."""
+"""Initial score of 2, with the weight of 0.1 s of errors."""
 
 
 class Band(Protocol):
@@ -47,13 +47,13 @@ class Band(Protocol):
 
 
 def begin(band: NDArray[np.void]) -> None:
-    """Makes a record of zeros one that expects errors of twice the scale."""
+    """Initialises a record of zeros to expect errors of twice the scale."""
     band["scores"][:, _FIRST_BIN] = _FIRST_S
 
 
 @kernel
 def learn(band: Band, error_n: float, half_n: float, scale_n: float, w: float) -> None:
-    """The error of a prediction, the half width and the scale that it was given; `w`: its time in s."""
+    """Takes in the error of a prediction, with the half width and scale of its band; `w`: its time in s."""
     size_n = abs(error_n)
     miss = 1.0 if size_n > half_n else 0.0
     band.shift = min(_SHIFT_LIMIT, max(-_SHIFT_LIMIT, band.shift + _SHIFT_RATE * w * (miss - _MISSES)))
@@ -78,13 +78,13 @@ def recent_n(band: Band) -> float:
 
 @kernel
 def factor(band: Band) -> float:
-    """Half the width of the band by its scale; infinite before any error was seen."""
+    """Half the width of the band over its scale; infinite before any error."""
     return math.pow(2.0, _quantile(band.scores) + band.shift) if band.seen_s > 0.0 else math.inf
 
 
 @kernel
 def scale_n(recent_n: float, spread_n2: float, deviation_n: float, range_n: float) -> float:
-    """How large errors are now, in N; `spread_n2`: variance of the experts, `range_n`: of the forces seen."""
+    """Expected size of errors now, in N; `spread_n2`: variance of the experts, `range_n`: of the forces."""
     variance_n2 = recent_n * recent_n + _OF_SPREAD * spread_n2 + (_OF_DEVIATION * deviation_n) ** 2
     return math.sqrt(variance_n2) + _OF_RANGE * range_n + 1e-200
 

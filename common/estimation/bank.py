@@ -1,5 +1,5 @@
-"""The motion so far, kept as far as the regressors need it, and the regressors: what it says about the force
-now, in `COUNT` numbers phi. Of the last `RING` samples all stays in a ring.
+"""Ring of the last `RING` samples of the motion with their regressors: `COUNT` numbers phi each, from which
+the experts predict the force.
 
 | phi | what | why |
 |---|---|---|
@@ -13,11 +13,11 @@ now, in `COUNT` numbers phi. Of the last `RING` samples all stays in a ring.
 Differences of several spans let least squares choose between noise and lag, where a filter fixes both.
 
 The stops' radii are powers of two of a metre: when the range doubles, one new stop takes the slot of the
-smallest, and all others keep their meaning. They, the range and the fastest speed follow the median of three
-positions, for a laser's glitch of one sample would leave its mark in every one of them.
+smallest, and the others keep their meaning. They, the range and the fastest speed follow the median of three
+positions: a laser's glitch of one sample would change all of them.
 
-A position that is over ten times further away than the fastest speed leads is not believed before the next
-one is there, too; until then the last one stands in. If it was that far for good, a new piece begins.
+A position over ten times as far away as the fastest speed leads is replaced by the last one, until the next
+position confirms it. If it is farther away than the range, a new piece begins.
 
 References: Visintin, Differential Models of Hysteresis (1994), stop operator; Armstrong-Helouvry, Dupont and
 Canudas de Wit, Automatica 30(7), 1994; Fung, Biomechanics (1993), relaxation.
@@ -48,21 +48,21 @@ RING = 8192
 NO_OCTAVE = -9999.0
 _SPEED_MEMORY_S = 20.0
 _FASTEST_MEMORY_S = 60.0
-_BELIEVED = 10.0
+_REACH = 10.0
 _REST_S = 2.0
 _RELAXATION_STOP = 5
 """The stop whose hysteresis relaxes and meets the nonlinear terms: radius 1/32 to 1/64 of the range."""
 
 
 class Bank(Protocol):
-    """What it keeps of a sample stands at the sample's number modulo `RING`.
+    """Recent motion and its regressors; the values of a sample are at its number modulo `RING`.
 
     count: samples so far. start: number of the first one since a gap. origin_m: x0, NaN before a median of
     three is known. octave: the range of motion is at most 2^octave m. v, a: smoothed derivatives.
-    fastest_m_s: fading. began_m: where the piece began. suspect_m: the last position where it was not
-    believed, else NaN. rest_m, moved_s: where and when the motion last got away from `rest_m` by more than
-    the smallest stop's radius. restart: 1 when the next sample follows a gap. renewed: 1 for each stop that
-    the last sample gave a new radius. slow_*: the means of the relaxations.
+    fastest_m_s: fading. began_m: where the piece began. suspect_m: the last position if it was replaced,
+    else NaN. rest_m, moved_s: where and when the motion last got away from `rest_m` by more than the smallest
+    stop's radius. restart: 1 if the next sample follows a gap. renewed: 1 for each stop to which the last
+    sample gave a new radius. slow_*: the means of the relaxations.
     """
 
     count: float
@@ -94,7 +94,7 @@ class Bank(Protocol):
 
 
 def begin(bank: NDArray[np.void]) -> None:
-    """Makes a record of zeros one that has seen nothing."""
+    """Initialises a record of zeros as one without samples."""
     bank["octave"] = NO_OCTAVE
     bank["radii_m"] = 1.0
     bank["t_s"] = -1e18
@@ -103,14 +103,14 @@ def begin(bank: NDArray[np.void]) -> None:
 
 @kernel
 def advance(bank: Bank, t: float, x: float) -> bool:
-    """Takes in one sample, all but its phi; False when it is not finite or its stamp does not increase."""
+    """Adds one sample, without its phi; False, unchanged, if not finite or its stamp does not increase."""
     n = int(bank.count)
     last = (n - 1) % RING
     if not (math.isfinite(t) and math.isfinite(x)) or (n > 0 and t <= bank.t_s[last]):
         return False
     dt = t - bank.t_s[last]
     if n > 0 and dt <= GAP_S and bank.restart == 0.0:
-        x = _believed(bank, n, x, dt)
+        x = _accepted(bank, n, x, dt)
     new_piece = n == 0 or dt > GAP_S or bank.restart > 0.0
     bank.restart = 0.0
     bank.renewed[:] = 0.0
@@ -132,12 +132,12 @@ def advance(bank: Bank, t: float, x: float) -> bool:
 
 
 @kernel
-def _believed(bank: Bank, n: int, x: float, dt: float) -> float:
-    """x, or the last position where x is out of reach; out of reach twice is there, in a new piece if far."""
+def _accepted(bank: Bank, n: int, x: float, dt: float) -> float:
+    """x, or the last position if x is out of reach; again x if the next confirms it, a new piece if far."""
     before = float(bank.x_m[(n - 1) % RING])
     jump, suspect, least_s = abs(x - before), bank.suspect_m, max(dt, bank.period_s)
     bank.suspect_m = np.nan
-    if math.isnan(bank.origin_m) or jump <= _BELIEVED * bank.fastest_m_s * least_s:
+    if math.isnan(bank.origin_m) or jump <= _REACH * bank.fastest_m_s * least_s:
         return x
     if abs(x - suspect) < jump:
         bank.fastest_m_s = max(bank.fastest_m_s, abs(x - suspect) / least_s)
@@ -150,13 +150,13 @@ def _believed(bank: Bank, n: int, x: float, dt: float) -> float:
 
 @kernel
 def at_rest(bank: Bank, n: int) -> bool:
-    """Whether the motion has stood still up to sample n for so long that it teaches nothing any more."""
+    """True if the motion has rested for over 2 s up to sample n, so that it teaches nothing."""
     return bank.t_s[n % RING] - bank.moved_s > _REST_S and bank.octave != NO_OCTAVE
 
 
 @kernel
 def _begin_piece(bank: Bank, n: int, t: float, x: float) -> None:
-    """Speed and acceleration stay what they were until the second sample tells."""
+    """Starts a piece at sample n: resets stops and means; speed and acceleration stay."""
     bank.start = n
     bank.began_m = bank.median_m = bank.rest_m = x
     bank.moved_s = t
@@ -167,7 +167,7 @@ def _begin_piece(bank: Bank, n: int, t: float, x: float) -> None:
 
 @kernel
 def _begin_range(bank: Bank, n: int, t: float, x: float) -> None:
-    """The median of the first three is where the motion is seen from, and is all that stays of them."""
+    """Sets origin, range and fastest speed from the first three samples; a piece starts at their median."""
     one, two = abs(x - bank.median_m), abs(bank.x_m[(n - 1) % RING] - bank.median_m)
     zero = abs(bank.x_m[(n - 2) % RING] - bank.median_m)
     bank.fastest_m_s = (one + two + zero - max(one, two, zero)) / bank.period_s
@@ -205,7 +205,7 @@ def _follow(bank: Bank, n: int, x: float, dx: float, dt: float) -> None:
 
 @kernel
 def _widen(bank: Bank) -> None:
-    """Gives the smallest stops the next octaves when the range has outgrown the largest."""
+    """Gives the smallest stops the radii of the next octaves if the range has outgrown the largest."""
     width = bank.high_m - bank.low_m
     if width <= 0.0 or (bank.octave != NO_OCTAVE and width <= 2.0**bank.octave):
         return
@@ -225,7 +225,7 @@ def _widen(bank: Bank) -> None:
 
 @kernel
 def fill(bank: Bank) -> None:
-    """phi of the newest sample."""
+    """Computes phi of the newest sample, 0 before x0 is known, and moves the means of the relaxations on."""
     n = int(bank.count) - 1
     i = n % RING
     dt = bank.t_s[i] - bank.t_s[(n - 1) % RING] if n > bank.start else 0.0
@@ -249,6 +249,7 @@ def fill(bank: Bank) -> None:
 
 @kernel
 def _fill_relaxations(bank: Bank, phi: Array, x: float, friction: float, dt: float) -> None:
+    """Moves the means of x and friction on by dt; phi gets the differences from them."""
     for j in range(len(RELAXATIONS_S)):
         if dt > 0.0:
             share = 1.0 - math.exp(-dt / RELAXATIONS_S[j])
@@ -260,10 +261,10 @@ def _fill_relaxations(bank: Bank, phi: Array, x: float, friction: float, dt: flo
 
 @kernel
 def _fill_differences(bank: Bank, phi: Array, n: int) -> None:
-    """First, second and third derivative by divided differences over the actual stamps.
+    """Sets first to third derivative of each span, by divided differences over the actual stamps.
 
-    Until three spans fit into the piece the next shorter span stands in, and for its first three samples what
-    the last piece ended with: zeros would look like a jerk.
+    Until three spans fit into the piece, the next shorter span replaces them, and for its first three samples
+    the end of the last piece: zeros would look like a jerk.
     """
     t, x = bank.t_s, bank.x_m
     p0 = n % RING
@@ -294,14 +295,14 @@ def _fill_nonlinear(phi: Array, x: float, friction: float, sign: float, speed: f
 
 @kernel
 def find(bank: Bank, stamp: float) -> int:
-    """Number of the sample with that stamp, to a microsecond; -1 when the ring does not hold it."""
+    """Number of the sample with that stamp, to a microsecond; -1 if it is not in the ring."""
     n = last_until(bank.t_s, int(bank.count), stamp)
     return n if abs(bank.t_s[n % RING] - stamp) < 1e-6 else -1
 
 
 @kernel
 def last_until(stamps_s: Array, count: int, stamp: float) -> int:
-    """Number of the last of `count` stamps in a ring that is no later; of the oldest where all are later."""
+    """Number of the last of `count` stamps in a ring that is no later; of the oldest if all are later."""
     low, high = max(0, count - RING), count - 1
     while low < high:
         middle = (low + high + 1) // 2

@@ -1,6 +1,6 @@
-"""How much each expert is to be trusted, by the errors that were seen.
+"""Weights of the experts by their past errors.
 
-For each force f that arrives, with p_e what expert e had said of it and h the error of the zero-order hold:
+For each force f that arrives, with p_e the prediction of expert e and h the error of the zero-order hold:
 
     loss_e = min((p_e - f)^2, c^2 max(h^2, mean h^2)),   c = 0.8 (1 + T / 10 s)
     v_e    = mean loss_e + (0.003 L)^2 + (0.1 L)^2 / (1 + I / (0.1 L^2) + (T / 6 s)^2)
@@ -28,7 +28,7 @@ To v_e of the contact sigma^2 is added, what its last fit left unexplained: loss
 before, and a fit to forces that no contact gives says anything at the next place. On a spring that is let go
 that makes 1.7 of 2.2 times the error of the hold, and takes 3 % off two seals.
 
-An expert that says nothing (NaN) is judged as the hold, and has no weight while it is silent.
+An expert without a prediction (NaN) is judged as the hold, and has no weight.
 """
 
 import math
@@ -42,7 +42,7 @@ from forefeel.common.jit import Array, kernel
 
 NAMES = ("zoh", *experts.NAMES, "contact", "contact, incremental")
 ZOH, FIRST, CONTACT = 0, 1, 1 + len(experts.NAMES)
-"""The hold, the five experts, the contact model, and behind it f(s) and what the contact changed since."""
+"""The hold, the five experts, the contact model, and last f(s) and the change of the contact since."""
 MEMBERS = len(NAMES)
 
 EARLY_S = 5.0
@@ -78,17 +78,15 @@ class Blend(Protocol):
 
 
 def begin(blend: NDArray[np.void], taught: bool) -> None:
-    """Makes a record of zeros one that trusts the contact that another run has taught, by what it says of the
-    change since the newest force, or without one the hold alone.
-    """
+    """Initialises a record of zeros: all weight is on the change of a taught contact, else on the hold."""
     blend["weights"][:, CONTACT + 1 if taught else ZOH] = 1.0
     blend["taught"][:, CONTACT:] = taught
 
 
 @kernel
-def judge(blend: Blend, said_n: Array, force_n: float, range_n: float, h: float) -> None:
-    """A force that has come, what each had said of it, and the range of the forces; `h`: its time in s."""
-    error_n2 = (force_n - said_n[ZOH]) ** 2
+def judge(blend: Blend, members_n: Array, force_n: float, range_n: float, h: float) -> None:
+    """Updates losses, reach and weights by a force of `h` seconds, its predictions, the forces' range."""
+    error_n2 = (force_n - members_n[ZOH]) ** 2
     keep_fast, keep_slow = math.exp(-h / _MEMORIES_S[0]), math.exp(-h / _MEMORIES_S[1])
     blend.seen_fast = blend.seen_fast * keep_fast + h
     blend.seen_slow = blend.seen_slow * keep_slow + h
@@ -101,7 +99,7 @@ def judge(blend: Blend, said_n: Array, force_n: float, range_n: float, h: float)
     blend.reach_n += (largest_n - blend.reach_n) * (1.0 - math.exp(-h / memory_s))
     cap = (_CAP * (1.0 + blend.known_s / _CAP_S)) ** 2 * max(error_n2, blend.zoh_n2 / blend.seen_slow)
     for e in range(MEMBERS):
-        loss = error_n2 if math.isnan(said_n[e]) else (said_n[e] - force_n) ** 2
+        loss = error_n2 if math.isnan(members_n[e]) else (members_n[e] - force_n) ** 2
         if blend.taught[e] == 0.0:
             loss = min(loss, cap)
         blend.losses[0, e] = blend.losses[0, e] * keep_fast + h * loss
@@ -111,6 +109,7 @@ def judge(blend: Blend, said_n: Array, force_n: float, range_n: float, h: float)
 
 @kernel
 def _weigh(blend: Blend) -> None:
+    """Sets the weights by the losses; their sum is 1."""
     weights, largest_n2 = blend.weights, blend.largest_n * blend.largest_n
     known = blend.informed_n2 / (_COLD_ERRORS * largest_n2 + _TINY) + (blend.known_s / _COLD_S) ** 2
     cold = _COLD * _COLD * largest_n2 / (1.0 + known)
@@ -134,28 +133,28 @@ def _weigh(blend: Blend) -> None:
 
 
 @kernel
-def mean(weights: Array, said_n: Array) -> tuple[float, float, int]:
-    """(force in N, variance of the experts in N^2, number of the leading one) of those that say something."""
+def mean(weights: Array, members_n: Array) -> tuple[float, float, int]:
+    """Weighted mean of the predictions that are not NaN, their variance in N^2, number of the leading one."""
     total = force_n = 0.0
     leading = ZOH
     for e in range(MEMBERS):
-        if not math.isnan(said_n[e]):
+        if not math.isnan(members_n[e]):
             total += weights[e]
-            force_n += weights[e] * said_n[e]
+            force_n += weights[e] * members_n[e]
             leading = e if weights[e] > weights[leading] else leading
     if total == 0.0:
-        return said_n[ZOH], 0.0, ZOH
+        return members_n[ZOH], 0.0, ZOH
     force_n /= total
     variance_n2 = 0.0
     for e in range(MEMBERS):
-        if not math.isnan(said_n[e]):
-            variance_n2 += weights[e] / total * (said_n[e] - force_n) ** 2
+        if not math.isnan(members_n[e]):
+            variance_n2 += weights[e] / total * (members_n[e] - force_n) ** 2
     return force_n, variance_n2, leading
 
 
 @kernel
 def discount(blend: Blend) -> None:
-    """Leaves the errors seen a tenth of their weight."""
+    """Reduces the weight of past errors to a tenth."""
     blend.losses *= _KICK
     blend.seen_fast *= _KICK
     blend.seen_slow *= _KICK

@@ -1,4 +1,4 @@
-"""A contact that is learned while it is touched, and evaluated in the haptic loop; the fits: `contact_fit`.
+"""Contact that is learned while it is touched, and evaluated in the haptic loop; the fits: `contact_fit`.
 
 `ContactFit` collects samples beside the loop and hands out a fit every .75 s; `ContactExpert` evaluates the
 newest result in the loop. All times are stamps of commands.
@@ -20,11 +20,11 @@ from forefeel.common.estimation.state_filter import GAP_S
 __all__ = ["Contact", "ContactExpert", "ContactFit", "Fitting"]
 
 _EVERY_S = 0.75  # s between two fits
-_WINDOW_S = 30.0  # s of samples that a fit sees
-_STEP_S = 0.004  # s between samples that are kept: friction and relaxation follow their motion
-_NEW_S = 3.0  # s of searching on grids since the range of the motion has grown: 6 s foretell no better
+_WINDOW_S = 30.0  # s of samples in a fit
+_STEP_S = 0.004  # s between samples: friction and relaxation follow their motion
+_NEW_S = 3.0  # s of searching on grids since the range of the motion has grown: 6 s predict no better
 _GROWN = 1.1  # ratio of ranges that counts as grown
-# beyond is no contact of an instrument
+# bounds of the samples of any instrument
 _MOST_M, _MOST_M_S, _MOST_M_S2, _MOST_N = 100.0, 1e3, 1e6, 1e4
 _LEAST_RANGE_M = 1e-6  # m, range of motion below which there is nothing to fit
 
@@ -33,11 +33,11 @@ class ContactFit:
     """Collects samples and hands out fits, one at a time. Time is that of the stamps.
 
     Args:
-        prior: of an earlier session; as it is to be used, see `widened`.
-        loaded: a model of a diagnosis, whose causes take part, and whose values the prior goes before.
+        prior: of an earlier session, used as given, see `widened`.
+        loaded: a model of a diagnosis: its causes are added, and its values where the prior has none.
 
     Attributes:
-        contact: the newest that is known; None before any without prior and model.
+        contact: the newest one; None before a fit without prior and model.
     """
 
     def __init__(self, prior: ContactPrior | None = None, loaded: ContactModel | None = None) -> None:
@@ -45,7 +45,7 @@ class ContactFit:
         prior = self._causes.with_loaded(prior)
         self._sensor = SensorModel(loaded or ContactModel("", ()))
         self._belief = self._causes.belief(prior)
-        self.contact = None if prior is None else self._remembered(prior)
+        self.contact = None if prior is None else self._of_prior(prior)
         self._contact_s = 0.0 if prior is None else prior.contact_s
         self._samples = np.empty((5, 2 * int(_WINDOW_S / _STEP_S)))
         self._low_m, self._high_m, self._searched_range_m = inf, -inf, 0.0
@@ -53,8 +53,8 @@ class ContactFit:
         self._under_way = False
         self._n = 0
 
-    def _remembered(self, prior: ContactPrior) -> Contact:
-        """A prior as a contact, before any sample."""
+    def _of_prior(self, prior: ContactPrior) -> Contact:
+        """Contact with the values of a prior, before any sample."""
         shape, _ = self._belief.shape_of(MotionExtent(0.0, 0.0, 0.0))
         return Contact(
             model=self._causes.model(shape, 0.0),
@@ -70,10 +70,10 @@ class ContactFit:
         )
 
     def observe(self, t_s: float, x_m: float, v_m_s: float, a_m_s2: float, force_n: float) -> None:
-        """The motion at a command's stamp and the force in N that answers it.
+        """Adds a sample: the motion at a command's stamp and the force in N that answers it.
 
-        Out of order, less than 4 ms after the last, not finite, out of all bounds or at the end of the
-        sensor's range, it is left out.
+        It is ignored if it is out of order, less than 4 ms after the last, not finite, out of bounds or at
+        the end of the sensor's range.
         """
         dt = t_s - self._newest_s if self._n else inf
         if dt < 0.9 * _STEP_S or not isfinite(t_s) or self._sensor.at_limit(force_n):
@@ -85,10 +85,10 @@ class ContactFit:
         if self._n == 0:
             self._due_s = t_s + _EVERY_S
         elif self._searched_range_m == 0.0 and t_s - self._samples[0, 0] > _EVERY_S:
-            # A long rest before the first motion would make its noise that of the motion.
+            # The noise of a long rest before the first motion would count as that of the motion.
             self._n, self._due_s = 0, -inf
         if dt > GAP_S:
-            v_m_s = 0.0  # the states keep what they were: how it moved in a gap is not known
+            v_m_s = 0.0  # the states stay: the motion in a gap is unknown
         if self._n == self._samples.shape[1]:
             self._n //= 2
             self._samples[:, : self._n] = self._samples[:, self._n :]
@@ -105,7 +105,7 @@ class ContactFit:
             self._new_until_s = t_s + _NEW_S
 
     def due(self) -> Fitting | None:
-        """A fit of the samples so far, at most one each .75 s of stamps and until `apply` took the last."""
+        """Job on the newest 30 s, every .75 s of stamps; else None, also before `apply` or any motion."""
         if self._under_way or self._searched_range_m == 0.0:
             return None
         t_s = self._newest_s
@@ -125,7 +125,7 @@ class ContactFit:
         )
 
     def apply(self, contact: Contact | None) -> None:
-        """Takes the result of the fit that was due; without one, the samples are given up."""
+        """Takes the result of the last job; None discards all samples, a change those before `since_s`."""
         self._under_way = False
         if contact is None:
             self._n = 0
@@ -137,13 +137,13 @@ class ContactFit:
                 self._belief = self._causes.belief(None)
             if contact.since_s > -inf:
                 self._belief = self._causes.belief(widened(contact.prior(), CHANGED_BY))
-                kept = self._samples[:, : self._n][:, self._samples[0, : self._n] >= contact.since_s]
-                self._n = kept.shape[1]
-                self._samples[:, : self._n] = kept
+                retained = self._samples[:, : self._n][:, self._samples[0, : self._n] >= contact.since_s]
+                self._n = retained.shape[1]
+                self._samples[:, : self._n] = retained
 
 
 class ContactExpert:
-    """The force of a contact on a motion; in the haptic loop."""
+    """Computes the force of a contact along a motion, in the haptic loop."""
 
     def __init__(self) -> None:
         self._runtime: ContactRuntime | None = None
@@ -152,7 +152,7 @@ class ContactExpert:
         self.reset()
 
     def use(self, contact: Contact) -> None:
-        """Another contact from now on; what friction and relaxation remember of the motion stays."""
+        """Switches to another contact; the states of friction and relaxation stay."""
         if self._runtime is None:
             self._runtime, self._sensor = contact.model.runtime(), SensorModel(contact.model)
             self.reset()
@@ -161,14 +161,14 @@ class ContactExpert:
         self._theta = contact.theta
 
     def move(self, t_s: float, x_m: float, v_m_s: float, a_m_s2: float, dt_s: float) -> float:
-        """The force in N at the end of a step of `dt_s`; NaN while nothing is known."""
+        """Advances the contact by `dt_s` and returns its force in N; NaN before `use`."""
         if self._runtime is None:
             return nan
         force_n: float = sum(map(mul, self._theta, self._runtime.regressors(t_s, x_m, v_m_s, a_m_s2, dt_s)))
         return self._sensor.limited(self._sense(t_s, force_n, dt_s))
 
     def reset(self) -> None:
-        """The motion so far is over, as after a new grip."""
-        self._sense = self._sensor.line()
+        """Clears the states, as after a new grip."""
+        self._sense = self._sensor.chain()
         if self._runtime is not None:
             self._runtime.reset()

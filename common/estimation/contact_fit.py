@@ -9,13 +9,12 @@ theta(s) is exact; s moves by damped Gauss-Newton steps on (theta, s) together, 
 projection. While the motion reaches new places, each coordinate of s is tried on a grid besides: in where the
 contact begins and in the frequencies J has local minima.
 
-theta_0, P_0, s_0, S_0 and sigma are those of an earlier session where there is one (`ContactPrior`). Without
-it theta_0 = 0 and P_0 is relative to the spread of the force, so that no unit is needed. What a passive
-contact has with one sign only is 0 where (2) would make it negative. sigma^2 is what the fit before left over
-per degree of freedom. A model.yaml tells nothing of it: a fit that leaves more than twice what was expected
-is done again with what it left, for the first second of forces made 15 N/m of a loaded 12. A fit that leaves
-its prior by 3 standard deviations gives it up, and forces that are far from what the contact so far foretells
-begin a new one, with the old one as a wide prior.
+theta_0, P_0, s_0, S_0 and sigma are those of an earlier session if there is one (`ContactPrior`). Without it
+theta_0 = 0 and P_0 is relative to the spread of the force, so that no unit is needed. A term of one sign only
+in a passive contact is 0 where (2) would make it negative. sigma^2 is the residual of the fit before per
+degree of freedom. A model.yaml has no sigma: a fit that leaves over twice the expected sigma^2 is repeated
+with its own, as the first second of forces made 15 N/m of a loaded 12. A fit over 3 standard deviations from
+its prior drops it. Forces far from the predictions of the contact begin a new one, with the old one as prior.
 
 Reference: Golub and Pereyra, Separable nonlinear least squares, Inverse Problems 19 (2003).
 """
@@ -54,39 +53,39 @@ from forefeel.common.estimation.identifiability import analyse
 
 _TAKES_S = 0.25  # s of stamps from a fit's last sample to its use: it is computed beside the loop
 _ROW_S = 1.0 / 60.0  # s between the rows of (1)
-_INDEPENDENT_S = 0.1  # s of force that count as one independent value: what (1) leaves is correlated
+_INDEPENDENT_S = 0.1  # s of force that count as one independent value: residuals of (1) are correlated
 _STEPS = 2  # Gauss-Newton steps a fit
 _HALVINGS = 3  # of a step that does not lower J
-_WORTH = 0.1  # part of J that occasional causes must save,
-_LEAST_WORTH = 20.0  # and -2 log likelihood: of 3 parameters and of a shape of their own, by BIC
-_LEAST_INDEPENDENT = 1.0  # values that a term without a prior rests on; the first moved row is one of 179
-_COLD_NOISE = 0.05  # sigma over the spread of the force where nothing is known,
-_COLD_COUNT = 1.0  # which counts as so many independent values
+# Occasional causes stay if they lower J by 10 % and by 20 (BIC, 3 parameters and their own shape).
+_WORTH, _LEAST_WORTH = 0.1, 20.0
+_LEAST_INDEPENDENT = 1.0  # independent values behind a term without a prior; a first moved row is 1 of 179
+_COLD_NOISE = 0.05  # sigma over the spread of the force without a prior
+_COLD_COUNT = 1.0  # independent values that this sigma counts as
 _NOISIER = 2.0  # times the sigma^2 that was expected
 _CONTRADICTION = 9.0  # mean square, in standard deviations, by which a fit may leave the prior: 3 sd
-_RECENT_S = 1.0  # s of the newest forces that tell whether the contact has changed,
-_RECALLED_S = 6.0  # and of motion before them for the memory of friction and relaxation
+_RECENT_S = 1.0  # s of the newest forces that show a change of the contact
+_RECALLED_S = 6.0  # s of motion up to them, for the states of friction and relaxation
 _CHANGED = 5.0  # rms of their errors over sigma that counts as changed
-CHANGED_BY = 2.0  # of the spread between sessions: how far a changed contact may be from what it was
+CHANGED_BY = 2.0  # spread of a changed contact about the old one, over that between sessions
 _GRID = ((0, 24), (4, 11), (3, 15), (1, 7), (2, 5), (5, 5))  # coordinate of s, points
 _STEP_OF_RANGE = 0.003  # difference in place of d/dx0, over the range
 _DIFFERENCES = (0.02, 0.02, 5e-4, 5e-4, 0.05)  # in log L, log tau, Hz and log band
-_SINGULAR = 1e-9  # relative information that every direction has, for the inverse's sake
+_SINGULAR = 1e-9  # relative information added to every direction, so that the inverse exists
 
 
 @dataclass(frozen=True)
 class Contact:
-    """What is known of a contact.
+    """Parameters of a contact from a fit, or from a prior before any fit.
 
     Attributes:
         model: the causes at their shape. theta: their linear parameters, in the order of its regressors.
         names, values, standard_deviations, covariance: of all parameters, in SI units as the names say.
-        noise_n: sigma, rms of what the model does not explain.
-        identifiable: what the motion so far leaves undetermined.
-        contact_s: seconds of contact that it was learned from.
-        shape, occasional: where the next fit starts.
-        strain: mean square of how far it is from the prior, in standard deviations of that.
-        contradicted: the prior was given up. since_s: the contact has changed, and earlier samples with it.
+        noise_n: sigma, rms of the residual.
+        identifiable: statements on parameters that the motion so far leaves undetermined.
+        contact_s: seconds of contact from which it was learned.
+        shape, occasional: start of the next fit.
+        strain: mean square distance from the prior, in standard deviations of that.
+        contradicted: the prior was dropped. since_s: stamp before which samples are of another contact.
     """
 
     model: ContactModel
@@ -108,7 +107,7 @@ class Contact:
         return tuple(row[i] ** 0.5 for i, row in enumerate(self.covariance))
 
     def prior(self) -> ContactPrior:
-        """What is to be kept. Where this run had a prior, that one is part of it."""
+        """The contact as a prior for a later run; it contains the prior of this run, if there was one."""
         return ContactPrior(self.names, self.values, self.covariance, self.contact_s)
 
 
@@ -126,7 +125,7 @@ class _Block(NamedTuple):
 
 
 class _Columns:
-    """Rows of phi times sqrt(w), cause by cause: what a change of the shape does not touch stays.
+    """Rows of phi times sqrt(w), cause by cause; a cause is computed only if the shape changes it.
 
     A cause with a memory, or before a sensor with one, is computed on all samples, others on the rows only.
     """
@@ -147,7 +146,7 @@ class _Columns:
         effects = [entry.instance() for entry in entries]
         forces = [(i, e, entries[i].site) for i, e in enumerate(effects) if isinstance(e, ForceEffect)]
         sites = [(i, site or effect.site) for i, effect, site in forces]
-        self._sites = sorted(sites, key=lambda each: SITES.index(each[1]))
+        self._sites = sorted(sites, key=lambda place: SITES.index(place[1]))
         self._contact = next((i for i, e in enumerate(effects) if isinstance(e, ContactEffect)), None)
         self._sensors = [e for e in effects if isinstance(e, SensorEffect) and e.linear]
         self._factored = any(isinstance(e, FactorEffect) for e in effects)
@@ -161,7 +160,7 @@ class _Columns:
         self._blocks: dict[int, list[_Block]] = {i: [] for i, _ in self._sites}
 
     def at(self, shape: Array) -> Array:
-        """Shape (rows, theta)."""
+        """Rows of phi times sqrt(w) at that shape, of shape (rows, theta)."""
         model = self._causes.model(shape, self._origin_s)
         if self._factored:  # by the sum of all
             m = self._motions["sensor"]
@@ -173,16 +172,14 @@ class _Columns:
         return np.concatenate([self._block(i, model.effects[i], site).rows for i, site in self._sites]).T
 
     def _block(self, i: int, entry: EffectEntry, site: Site) -> _Block:
-        """The block of one cause. The two that were used last are kept, for a derivative leads back to where
-        it was taken.
-        """
-        kept = self._blocks[i]
-        for place, block in enumerate(kept):
+        """Block of one cause, reused if it is one of its last two: a derivative returns to its start."""
+        recent = self._blocks[i]
+        for place, block in enumerate(recent):
             if block.entry == entry and (site != "wall" or block.gate == self._gate):
-                kept.insert(0, kept.pop(place))
+                recent.insert(0, recent.pop(place))
                 return block
         self._pause()
-        effect = next((block.effect for block in kept if block.entry == entry), None) or entry.instance()
+        effect = next((block.effect for block in recent if block.entry == entry), None) or entry.instance()
         assert isinstance(effect, ForceEffect)
         everywhere = effect.remembers or bool(self._sensors)
         if site == "wall":
@@ -190,12 +187,13 @@ class _Columns:
         else:
             columns = effect.columns(self._motion(site, everywhere))
         for sensor in self._sensors:
-            columns = np.stack([sensor.reading(self._motions[site], each) for each in columns.T], axis=1)
+            columns = np.stack([sensor.reading(self._motions[site], phi) for phi in columns.T], axis=1)
         rows = (columns[self._rows] if everywhere else columns).T * self._root
-        kept[:] = [_Block(entry, self._gate, effect, rows), *kept[:1]]
-        return kept[0]
+        recent[:] = [_Block(entry, self._gate, effect, rows), *recent[:1]]
+        return recent[0]
 
     def _wall(self, everywhere: bool) -> WallMotion:
+        """Motion in contact at the present gate, of all samples or of the rows; computed once per gate."""
         if everywhere not in self._walls:
             contact = None if self._gate is None else self._gate.instance()
             assert contact is None or isinstance(contact, ContactEffect)
@@ -208,7 +206,7 @@ class _Columns:
 
 @dataclass(frozen=True, eq=False)
 class _Point:
-    """A shape with its theta(s) and J; `acts`: what of theta is not held at 0, `p0`: diagonal of P_0^-1."""
+    """A shape with its theta(s) and J; `acts`: mask of theta not held at 0, `p0`: diagonal of P_0^-1."""
 
     shape: Array
     columns: Array
@@ -239,11 +237,13 @@ class Fitting:
         return float(self.samples[0, -1]) + _TAKES_S
 
     def solve(self, pause: Pause = lambda: None) -> Contact | None:
-        """The contact; None where the samples allow none."""
+        """Fits the contact; None if the samples allow none. Fits the last second alone if it has changed, and
+        once more without a prior that it contradicts.
+        """
         with np.errstate(all="ignore"):
             try:
                 if self._changed():
-                    return self._anew(pause)
+                    return self._refitted(pause)
                 contact = _Solver(self, pause).contact()
                 if contact is None or contact.strain <= _CONTRADICTION:
                     return contact
@@ -254,7 +254,7 @@ class Fitting:
                 return None
 
     def _changed(self) -> bool:
-        """Whether the newest forces are far from what the contact so far foretells."""
+        """True if the newest forces are far from the predictions of the contact so far; False in a search."""
         if self.before is None or self.searched:
             return False
         t, *motion, y = self.samples[:, self.samples[0] > self.samples[0, -1] - _RECALLED_S]
@@ -262,8 +262,8 @@ class Fitting:
         off = (y - columns @ np.array(self.before.theta))[t > t[-1] - _RECENT_S]
         return bool(np.sqrt(np.mean(off**2)) > _CHANGED * self.before.noise_n)
 
-    def _anew(self, pause: Pause) -> Contact | None:
-        """From the newest samples, with the contact so far as the prior."""
+    def _refitted(self, pause: Pause) -> Contact | None:
+        """Contact from the samples of the last second, with the contact so far as a wide prior."""
         assert self.before is not None
         belief = self.causes.belief(widened(self.before.prior(), CHANGED_BY))
         samples = self.samples[:, self.samples[0] > self.samples[0, -1] - _RECENT_S]
@@ -272,7 +272,7 @@ class Fitting:
 
 
 class _Solver:
-    """J of one job, and the ways to its minimum."""
+    """Minimises J of one job."""
 
     def __init__(self, job: Fitting, pause: Pause) -> None:
         self._pause = pause
@@ -294,6 +294,7 @@ class _Solver:
         self._noise2 = max(noise2, 1e-6 * self._spread2)
 
     def contact(self) -> Contact | None:
+        """Fits the contact, twice if its noise is far above the assumed one and a model.yaml gave none."""
         contact = self._fitted()
         of_model = bool(np.isfinite(self._belief.theta_sd).any()) and not isfinite(self._belief.noise_n)
         if of_model and contact is not None and contact.noise_n**2 > _NOISIER * self._noise2:
@@ -302,12 +303,13 @@ class _Solver:
         return contact
 
     def _fitted(self) -> Contact | None:
+        """Minimises J by grids and steps, with occasional causes if worth it; None if not finite."""
         before = self._job.before
         occasional = before is not None and before.occasional
         best = self._point(self._mean if before is None else np.array(before.shape), occasional)
         if self._job.searched:
             anew = self._point(self._mean, occasional)
-            best = self._searched(min(best, anew, key=lambda each: each.cost), occasional)
+            best = self._searched(min(best, anew, key=lambda point: point.cost), occasional)
         for _ in range(_STEPS):
             best = self._stepped(best, occasional)
         lean = self._point(best.shape, False) if occasional else best
@@ -319,7 +321,7 @@ class _Solver:
         return self._result(best, worth)
 
     def _point(self, shape: Array, occasional: bool) -> _Point:
-        """(2), by the columns scaled to their rms; what would be negative is held at 0, the worst first."""
+        """Solves (2) at a shape; of `positive` terms the most negative is held at 0, until none is left."""
         shape = accepted(shape)
         z, noise2, belief = self._columns.at(shape), self._noise2, self._belief
         self._pause()
@@ -347,18 +349,18 @@ class _Solver:
         return _Point(shape, z, scaled / rms, float(cost), acts, p0)
 
     def _independent(self, columns: Array, rms: Array) -> Array:
-        """Independent values that each column of phi rests on: (sum z^2)^2 / sum z^4 of its rows."""
+        """Number of independent values behind each column of phi: (sum z^2)^2 / sum z^4 of its rows."""
         squares = (columns / rms) ** 2
         fourth = np.einsum("ij,ij->j", squares, squares)
         return np.asarray(self._count**3 / len(self._y) / np.maximum(fourth, 1e-12))
 
     def _rms(self, columns: Array) -> Array:
-        """Of each column of phi, 1 where it is 0."""
+        """rms of each column of phi; 1 for a column of zeros."""
         rms = np.sqrt(np.einsum("ij,ij->j", columns, columns) / self._count)
         return np.where(rms > 0.0, rms, 1.0)
 
     def _searched(self, point: _Point, occasional: bool) -> _Point:
-        """The best of a grid along each coordinate in turn."""
+        """Best of the point and of a grid along each coordinate of the shape in turn."""
         for i, count in _GRID:
             grid = self._mean[i] + self._sd[i] * np.linspace(-2.0, 2.0, count)
             if i == 0:
@@ -366,10 +368,10 @@ class _Solver:
             for value in grid:
                 shape = point.shape.copy()
                 shape[i] = value
-                point = min(point, self._point(shape, occasional), key=lambda each: each.cost)
+                point = min(point, self._point(shape, occasional), key=lambda p: p.cost)
         return point
 
-    def _gathered(self, point: _Point) -> tuple[Array, Array]:
+    def _normal_equations(self, point: _Point) -> tuple[Array, Array]:
         """A'A / sigma^2 and A'e / sigma^2 of A = (phi, dphi/ds theta) and the residual e."""
         tangents = []
         for i, difference in enumerate(self._differences):
@@ -381,16 +383,16 @@ class _Solver:
         e = self._y - point.columns @ point.theta
         return a.T @ a / self._noise2, a.T @ e / self._noise2
 
-    def _moving(self, point: _Point) -> NDArray[np.bool_]:
-        """What of (theta, s) is not held."""
+    def _free(self, point: _Point) -> NDArray[np.bool_]:
+        """Mask of (theta, s) that are not held at 0."""
         return np.append(point.acts, np.ones(len(self._sd), dtype=bool))
 
     def _stepped(self, point: _Point, occasional: bool) -> _Point:
-        """After a Gauss-Newton step that is cut until it lowers J; the point itself where none does."""
-        gathered, pull = self._gathered(point)
+        """Point after a Gauss-Newton step, which is cut until it lowers J; the same point if none does."""
+        gathered, pull = self._normal_equations(point)
         p0 = np.concatenate([point.p0, self._sd**-2.0])
         pull -= p0 * np.concatenate([point.theta - self._belief.theta, point.shape - self._mean])
-        at = np.flatnonzero(self._moving(point))
+        at = np.flatnonzero(self._free(point))
         information = (gathered + np.diag(p0))[np.ix_(at, at)]
         size = np.sqrt(np.diagonal(information))
         step = np.linalg.solve(information / np.outer(size, size), pull[at] / size) / size
@@ -404,9 +406,9 @@ class _Solver:
         return point
 
     def _result(self, point: _Point, occasional: bool) -> Contact | None:
-        """The contact at a point; of a parameter that is held at 0 the prior says how well it is known."""
-        gathered, _ = self._gathered(point)
-        acts = self._moving(point)
+        """The contact at a point; parameters held at 0 have the variance of the prior. None if not finite."""
+        gathered, _ = self._normal_equations(point)
+        acts = self._free(point)
         information = np.where(np.outer(acts, acts), gathered, 0.0)
         information += np.diag(np.concatenate([point.p0, self._sd**-2.0]))
         size = np.sqrt(np.diagonal(information))
@@ -437,14 +439,14 @@ class _Solver:
         )
 
     def _strain(self, point: _Point) -> float:
-        """Mean square of how far a point is from the prior, in its standard deviations."""
+        """Mean square distance of a point from the prior, in its standard deviations; 0 without a prior."""
         of_theta = ((point.theta - self._belief.theta) / self._belief.theta_sd)[self._causes.forces]
         of_shape = (point.shape - self._belief.shape) / self._belief.shape_sd
         off = np.concatenate([of_theta, of_shape])
         return float(np.nanmean(off**2)) if np.isfinite(off).any() else 0.0
 
     def _undetermined(self, point: _Point, gathered: Array, occasional: bool) -> tuple[str, ...]:
-        """What the rows do not tell better than a contact that nothing is known of."""
+        """Statements on parameters that the rows determine no better than their spread before any force."""
         self._pause()
         left_out = () if occasional else self._causes.occasional
         forces = [i for i in self._causes.forces if i not in left_out]

@@ -1,8 +1,8 @@
-"""What a model.yaml adds to the causes of `contact_model`: further ones, and means for those that both know.
+"""Causes that a model.yaml adds to those of `contact_model`, and means for those in both.
 
-A bias, a phase and the instant of a change belong to the run that they were found in, and so do the grid of
-steps and the instants of spikes. Of a drift and of a wave it is known that they are there, and how fast the
-wave is: their sizes are told anew.
+A bias, a phase, the instant of a change, the grid of steps and the instants of spikes hold for their own run
+only. A drift is taken over without its size, a wave with its frequency; a wave other than heart and breath
+is learned anew in size.
 """
 
 from collections import Counter
@@ -19,7 +19,7 @@ from forefeel.common.causes.registry import effect_class
 from forefeel.common.causes.sensor import Bias
 from forefeel.common.causes.wall import ContactLoss, MassDamperSpring, Stiffening, StressRelaxation
 
-OWN: tuple[type[Effect], ...] = (
+BASE: tuple[type[Effect], ...] = (
     ContactLoss, Bias, PreslidingHysteresis, PositionDependentFriction, StressRelaxation, MassDamperSpring,
     Stiffening, HuntCrossleyDamping,
 )  # fmt: skip
@@ -27,25 +27,23 @@ OWN: tuple[type[Effect], ...] = (
 _SEARCHED: Mapping[type[Effect], str] = {
     ContactLoss: "contact_position_m", StressRelaxation: "time_constant_s",
 }  # fmt: skip
-_LEAST_RATIO = 0.02  # a harmonic below this part of its fundamental is not told from noise
+_LEAST_RATIO = 0.02  # a harmonic below this part of its fundamental is lost in noise
 _WAVES_HZ = {"heart": (0.6, 3.0), "breath": (0.1, 0.6)}  # of adults at rest and at work
 
 
 @dataclass(frozen=True)
 class LoadedCauses:
-    """`further`: causes that are not among `OWN`, or are there once more or elsewhere. `means`: by the names
-    of a `ContactPrior`.
-    """
+    """`further`: causes not in `BASE`, elsewhere, or a second time. `means`: by names of a `ContactPrior`."""
 
     further: tuple[EffectEntry, ...]
     means: Mapping[str, float]
 
 
 def loaded_causes(model: ContactModel) -> LoadedCauses:
-    """What holds for another run."""
+    """Splits a model into further causes and means; leaves out what holds for its own run only."""
     further: list[EffectEntry] = []
     means: dict[str, float] = {}
-    count = Counter(kind.name for kind in OWN)
+    count = Counter(kind.name for kind in BASE)
     shared: set[type[Effect]] = set()
     for entry in model.effects:
         name, kind, values = entry.effect, effect_class(entry.effect), dict(entry.parameters)
@@ -60,20 +58,20 @@ def loaded_causes(model: ContactModel) -> LoadedCauses:
                 means |= _of_wave(wave, values)
             else:
                 further += _sines(entry, values)
-        elif kind in OWN and kind not in shared and not elsewhere:
+        elif kind in BASE and kind not in shared and not elsewhere:
             shared.add(kind)
             means |= {} if kind.sized_anew else _of_shared(kind, values)
         else:
             count[name] += 1
             label = name if count[name] == 1 else f"{name}-{count[name]}"
             further.append(entry)
-            if issubclass(kind, ForceEffect) and (kind in OWN or not kind.sized_anew):
+            if issubclass(kind, ForceEffect) and (kind in BASE or not kind.sized_anew):
                 means |= {f"{label}.{p.name}": values[p.name] for p in kind.parameters if p.linear}
     return LoadedCauses(tuple(further), means)
 
 
 def _of_shared(kind: type[Effect], values: Mapping[str, float]) -> dict[str, float]:
-    """Means of a cause that is among `OWN`; a part that is 0 is not known, but for one of either sign."""
+    """Means of a cause in `BASE`; a parameter of 0 is left out, unless it may be negative."""
     linear = [p for p in kind.parameters if p.linear]
     means = {p.name: values[p.name] for p in linear if values[p.name] or p.lower < 0.0}
     if kind is PreslidingHysteresis:
@@ -91,7 +89,7 @@ def _of_wave(wave: str, values: Mapping[str, float]) -> dict[str, float]:
 
 
 def _sines(entry: EffectEntry, values: Mapping[str, float]) -> Iterator[EffectEntry]:
-    """A sine and a cosine of each of a wave's frequencies."""
+    """A sine and a cosine at the frequency of each harmonic of a wave that is not negligible."""
     ratios = 1.0, values["second_harmonic_ratio"], values["third_harmonic_ratio"]
     for order, ratio in enumerate(ratios, 1):
         for phase_rad in (0.0, 0.5 * pi) if abs(ratio) > _LEAST_RATIO else ():

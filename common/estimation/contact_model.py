@@ -1,12 +1,12 @@
-"""The contact model of the paper and what a vessel adds to it, as a list of causes.
+"""The contact model of the paper, extended by the causes of a vessel, as a list of causes.
 
     f = f0 + Fc u + [d > 0] (m x'' + b x' + k d + k2 d^2 + k3 d^3 + g d x' + p d sgn(x') + c q + W)
     d = x - x0,   L du = (1 - u sgn(x')) dx,   q' = x' - q / tau
     W = waves of heart (w_h and 2 w_h) and breath (w_b)
 
-theta is what f is linear in: f0, Fc, m, b, p, c, k, k2, k3, g and a sine and a cosine of each wave. The shape
-is what it is not linear in: x0, log L, log tau and the frequencies of heart and breath. A model of a
-diagnosis adds its other causes, whose shapes stay as they are.
+f is linear in theta: f0, Fc, m, b, p, c, k, k2, k3, g and a sine and a cosine of each wave. It is not linear
+in the shape: x0, log L, log tau, the frequencies of heart and breath, and the log of the band of sgn. A model
+of a diagnosis adds its other causes, whose shapes stay fixed.
 """
 
 import re
@@ -25,7 +25,7 @@ from forefeel.common.causes.periodic import Pulsation
 from forefeel.common.causes.registry import effect_class
 from forefeel.common.causes.sensor import Bias
 from forefeel.common.causes.wall import ContactLoss, MassDamperSpring, Stiffening, StressRelaxation
-from forefeel.common.estimation.contact_loaded import OWN, LoadedCauses, loaded_causes
+from forefeel.common.estimation.contact_loaded import BASE, LoadedCauses, loaded_causes
 from forefeel.common.estimation.contact_prior import CONTACT, ContactPrior, exactly, joined, widened
 
 Array = NDArray[np.float64]
@@ -40,29 +40,29 @@ SHAPE = (
 )
 WAVES = ("heart.amplitude_n", "heart.second_harmonic_n", "breath.amplitude_n")
 _PULSATIONS = Pulsation.name, *(f"{Pulsation.name}-{n}" for n in range(2, 2 * len(WAVES) + 1))
-_OWN_NAMES = frozenset(kind.name for kind in OWN)
+_BASE_NAMES = frozenset(kind.name for kind in BASE)
 NOISE = "residual.rms_n"
 _LOGARITHMIC = np.array([False, True, True, False, False, True])
 # A little less than what the causes accept, in m, log m, log s, Hz and log m/s; 2 w_h is a pulsation, too.
 _LOWEST = np.array([-900.0, np.log(2e-9), np.log(2e-4), 0.06, 0.06, np.log(1.1e-5)])
 _HIGHEST = np.array([900.0, np.log(900.0), np.log(9e3), 24.0, 49.0, np.log(0.9)])
 
-# Of a contact that nothing is known of; lengths relative to the range of motion, speeds to their rms.
+# Shape without a prior; lengths relative to the range of motion, speeds to their rms.
 _TYPICAL_S = 0.6  # s of relaxation
 _TYPICAL_HZ = (1.2, 0.25)  # of heart and breath
 _TYPICAL_BAND = 0.02
 _TYPICAL_SD = (1.5, 1.0, 0.15, 0.05, 1.0)  # of log L, log tau, the two frequencies and log band
-# Below, the motion says nothing of a length, a speed or an acceleration: 0.1 mm at 10 rad/s.
+# Least motion that determines a length, a speed or an acceleration: 0.1 mm at 10 rad/s.
 _LEAST_RANGE_M, _LEAST_RATE_S = 1e-4, 10.0
 _LEAST_SPEED_M_S = _LEAST_RANGE_M * _LEAST_RATE_S
 
-# Part of `Parameter.explains` that is left to a cause that a loaded model does not name: its diagnosis found
-# none. Without, relaxation took half of a loaded resonance's stiffness in the first second: 35 mN rms for 6.
+# Part of `Parameter.explains` for a cause that a loaded model lacks, as its diagnosis has rejected it.
+# Without, relaxation took half of a loaded resonance's stiffness in the first second: 35 mN rms for 6.
 _UNNAMED = 0.1
 
 
 class MotionExtent(NamedTuple):
-    """Of a motion: lowest and highest position in m, rms of the speed in m/s."""
+    """Lowest and highest position of a motion in m, rms of its speed in m/s."""
 
     low_m: float
     high_m: float
@@ -75,7 +75,7 @@ class MotionExtent(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """Means and standard deviations of theta and shape before any force; NaN where nothing is known."""
+    """Means and standard deviations of theta, shape and noise before any force; NaN where unknown."""
 
     theta: Array
     theta_sd: Array
@@ -85,14 +85,14 @@ class Belief:
     noise_sd_n: float
 
     def shape_of(self, motion: MotionExtent) -> tuple[Array, Array]:
-        """Mean and standard deviation of the shape, where the motion so far was of that extent."""
+        """Mean and standard deviation of the shape, typical ones for that motion where unknown."""
         mean, sd = typical_shape(motion)
         known = np.isfinite(self.shape)
         return np.where(known, self.shape, mean), np.where(known, self.shape_sd, sd)
 
 
 def typical_shape(motion: MotionExtent) -> tuple[Array, Array]:
-    """Mean and standard deviation of the shape of a contact that nothing is known of."""
+    """Mean and standard deviation of the shape without a prior, by the extent of the motion."""
     range_m, speed_m_s = max(motion.range_m, _LEAST_RANGE_M), max(motion.speed_m_s, _LEAST_SPEED_M_S)
     lengths = motion.low_m + 0.2 * range_m, np.log(0.01 * range_m)
     mean = np.array([*lengths, np.log(_TYPICAL_S), *_TYPICAL_HZ, np.log(_TYPICAL_BAND * speed_m_s)])
@@ -100,30 +100,30 @@ def typical_shape(motion: MotionExtent) -> tuple[Array, Array]:
 
 
 class Causes:
-    """The list, its parameters and their names.
+    """Causes of the contact model, their parameters and names.
 
     Attributes:
         linear: `cause.parameter` of theta, in the order of the model's regressors.
         names: of all parameters: forces, waves by their amplitude, shape, and the rms of what is left.
         forces: of theta: all but the waves, in the order of the names.
-        positive: of theta: what a passive contact has with one sign only.
-        occasional: of theta: what takes part only where it explains enough.
+        positive: of theta: terms that have one sign only in a passive contact.
+        occasional: of theta: terms that take part only if they explain enough.
         cold: standard deviation of each term before anything is known, over the spread of the force.
-        least: rms of each regressor below which it says nothing of its term.
+        least: rms of each regressor below which it does not determine its term.
     """
 
     def __init__(self, loaded: ContactModel | None = None) -> None:
         self._loaded = LoadedCauses((), {}) if loaded is None else loaded_causes(loaded)
-        # A loaded wall without a contact to lose is touched everywhere.
+        # A loaded wall without a contact effect is touched everywhere.
         effects = () if loaded is None else loaded.effects
         kinds = [(entry.effect, effect_class(entry.effect)) for entry in effects]
         walls = [kind for _, kind in kinds if issubclass(kind, ForceEffect) and kind.site == "wall"]
         self._gated = not walls or any(kind is ContactLoss for _, kind in kinds)
-        # By them a factor knows the sign of the force.
+        # A factor needs them for the sign of the force.
         self._linear: dict[str, dict[str, float]] = {}
         for name, value in self._loaded.means.items():
             effect, _, parameter = name.partition(".")
-            if effect in _OWN_NAMES and any(
+            if effect in _BASE_NAMES and any(
                 p.linear and p.name == parameter for p in effect_class(effect).parameters
             ):
                 self._linear.setdefault(effect, {})[parameter] = value
@@ -141,14 +141,12 @@ class Causes:
         self.occasional = tuple(i for i, name in enumerate(self.linear) if _kind(name).occasional)
 
     def model(self, shape: Array, origin_s: float) -> ContactModel:
-        """The causes at that shape, the contact first where it can be lost; a wave's sine is 0 at the
-        stamp `origin_s`.
-        """
+        """The causes at that shape, first the contact effect, if any; sines are 0 at stamp `origin_s`."""
         contact_m, length_m, time_s, heart_hz, breath_hz, band_m_s = shape_values(shape).tolist()
         waves = [
-            EffectEntry(Pulsation.name, (("frequency_hz", hz), ("phase_rad", _phase_rad(lead, hz, origin_s))))
+            EffectEntry(Pulsation.name, (("frequency_hz", hz), ("phase_rad", 2.0 * pi * turns)))
             for hz in (heart_hz, 2.0 * heart_hz, breath_hz)
-            for lead in (0.0, 0.25)
+            for turns in (remainder(lead - hz * origin_s, 1.0) for lead in (0.0, 0.25))
         ]
         friction_n = self._loaded.means.get("presliding_hysteresis.force_n", 1.0)
         hysteresis = {"force_n": friction_n, "stiffness_n_m": friction_n / length_m}
@@ -171,23 +169,23 @@ class Causes:
         return EffectEntry(kind.name, tuple((self._linear.get(kind.name, {}) | values).items()))
 
     def _unnamed(self, linear: str) -> bool:
-        """Whether it is of a cause that the loaded model has looked for in vain."""
+        """True if a linear parameter is of a cause that the loaded model could have named and has not."""
         effect = linear.partition(".")[0]
         if effect in _PULSATIONS:
             wave = WAVES[_PULSATIONS.index(effect) // 2].partition(".")[0]
             return f"{wave}.frequency_hz" not in self._loaded.means
         named = {name.partition(".")[0] for name in self._loaded.means}
-        return effect in _OWN_NAMES and effect != "bias" and effect not in named
+        return effect in _BASE_NAMES and effect != "bias" and effect not in named
 
     def with_loaded(self, prior: ContactPrior | None) -> ContactPrior | None:
-        """The prior, and of the loaded model what the prior does not know."""
+        """The prior with the means of the loaded model, widened, that it lacks; None without either."""
         if not self._loaded.means:
             return prior
         loaded = widened(exactly(self._loaded.means), 1.0)
         return loaded if prior is None else joined(prior, loaded)
 
     def belief(self, prior: ContactPrior | None) -> Belief:
-        """What a prior says of theta and shape. Of a wave it knows the size, not the phase."""
+        """Belief of a prior, all unknown without one. The size of its waves counts, not their phase."""
         n = len(self.linear)
         theta, theta_sd = np.zeros(n), np.full(n, nan)
         shape, shape_sd = np.full(len(SHAPE), nan), np.full(len(SHAPE), nan)
@@ -210,7 +208,7 @@ class Causes:
     def named(self, theta: Array, shape: Array, covariance: Array) -> tuple[Array, Array]:
         """Values and covariance of all `names` but the last, from those of (theta, shape).
 
-        Of a wave sqrt(sine^2 + cosine^2), to first order.
+        A wave has sqrt(sine^2 + cosine^2), its variance to first order.
         """
         pairs = theta[self._waves]
         sizes = np.hypot(pairs[:, 0], pairs[:, 1])
@@ -225,30 +223,26 @@ class Causes:
 
 
 def accepted(shape: Array) -> Array:
-    """The shape within what the causes accept."""
+    """Clips a shape to the bounds of the causes."""
     return np.clip(shape, _LOWEST, _HIGHEST)
 
 
 def shape_values(shape: Array) -> Array:
-    """In the units of `SHAPE`."""
+    """Values of a shape in the units of `SHAPE`."""
     return np.where(_LOGARITHMIC, np.exp(np.where(_LOGARITHMIC, shape, 0.0)), shape)
 
 
 def shape_slopes(shape: Array) -> Array:
-    """d value / d coordinate."""
+    """d value / d coordinate of a shape."""
     return np.where(_LOGARITHMIC, shape_values(shape), 1.0)
 
 
-def _phase_rad(lead_turns: float, frequency_hz: float, origin_s: float) -> float:
-    return 2.0 * pi * remainder(lead_turns - frequency_hz * origin_s, 1.0)
-
-
 def _least_rms(unit: str) -> float:
-    """Regressor of the least motion, for a term in `unit`: (0.1 mm)^p (10 / s)^q of N s^q / m^p."""
+    """rms of a regressor at the least motion, for a term in `unit`: (0.1 mm)^p (10 / s)^q of N s^q / m^p."""
     over, _, under = unit.replace("kg", "N s^2/m").partition("/")
     lengths, times = (
-        sum(int(power or 1) for power in re.findall(*each))
-        for each in ((r"m\^?(\d?)", under), (r"s\^?(\d?)", over))
+        sum(int(power or 1) for power in re.findall(pattern, text))
+        for pattern, text in ((r"m\^?(\d?)", under), (r"s\^?(\d?)", over))
     )
     return _LEAST_RANGE_M**lengths * _LEAST_RATE_S**times
 

@@ -1,6 +1,6 @@
-"""What one session learned of a contact, for the next one: means and covariance of named parameters.
+"""Prior of a contact, from one session for the next: means and covariance of named parameters.
 
-A covariance knows of noise only, not that a vessel changes from day to day; `widened` adds that.
+The covariance contains the noise only; `widened` adds the change of a vessel from day to day.
 """
 
 import re
@@ -20,8 +20,8 @@ _SHARES = {"heart.frequency_hz": 0.10, "breath.frequency_hz": 0.15, "stress_rela
 _SHARE = 0.25
 _CONTACT_M = 0.002
 _LINEAR = re.compile(r"^(?!bias|noise).*_(n|kg)(_|$)")
-"""What the force is proportional to, by its unit; an offset of the cell tells nothing of its gain."""
-_SURE = 1e-3  # standard deviation of a value that is taken as given, relative
+"""Names of the parameters that scale with the force, by unit; an offset of the cell is none."""
+_SURE = 1e-3  # relative standard deviation of a value that is taken as given
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class ContactPrior:
         names: `cause.parameter_unit`, each once.
         values: in the unit that each name ends in.
         covariance: symmetric and positive definite, rows in the order of the names.
-        contact_s: seconds of contact that it was learned from.
+        contact_s: seconds of contact from which it was learned.
 
     Raises:
         ValueError: of another shape, not finite, or not a covariance; one line.
@@ -64,13 +64,13 @@ class ContactPrior:
 
 
 def exactly(means: Mapping[str, float]) -> ContactPrior:
-    """A prior of these means that is as good as sure; see `widened`."""
+    """A prior of these means with hardly any spread, 0.1 %; see `widened`."""
     size = [max(_SURE * abs(value), 1e-12) for value in means.values()]
     return ContactPrior(tuple(means), tuple(means.values()), _rows(np.diag(np.square(size))), 0.0)
 
 
 def joined(first: ContactPrior, second: ContactPrior) -> ContactPrior:
-    """The first, and of the second what the first does not know."""
+    """The first prior with those parameters of the second that it lacks; time in contact of the first."""
     more = [i for i, name in enumerate(second.names) if name not in first.names]
     n, covariance = len(first.names), np.zeros((len(first.names) + len(more),) * 2)
     covariance[:n, :n] = np.array(first.covariance).reshape(n, n)
@@ -90,8 +90,8 @@ def widened(prior: ContactPrior, by: float) -> ContactPrior:
 
 
 def force_ratio(prior: ContactPrior, learned: ContactPrior) -> float:
-    """Forces of what was learned over those of the prior for the same motion: the slope a' C^-1 b / a' C^-1 a
-    of the linear parameters b on those of the prior, a. C: covariance of b, the inverse of its information.
+    """Learned forces over those of the prior for the same motion: the slope a' C^-1 b / a' C^-1 a of the
+    linear parameters b on those of the prior, a; 1 if there are none. C: covariance of b.
     """
     at = [i for i, name in enumerate(learned.names) if name in prior.names and _LINEAR.search(name)]
     values = dict(zip(prior.names, prior.values, strict=True))
@@ -105,7 +105,7 @@ def _rows(matrix: Array) -> tuple[tuple[float, ...], ...]:
 
 
 def _positive(covariance: Array) -> bool:
-    """Whether it is symmetric, and its correlations are positive definite beyond rounding."""
+    """True if it is symmetric, and its correlations are positive definite beyond rounding."""
     size = np.sqrt(np.clip(np.diagonal(covariance), 0.0, None))
     if not (size > 0.0).all():
         return False

@@ -1,8 +1,7 @@
-"""The haptic loop's side of the predictor: its own motion, the newest force, and a snapshot of what was
-learned.
+"""The haptic loop's side of the predictor: its own motion, the newest force, and a snapshot of the learner.
 
-Nothing is learned here. What was said of each sample waits in a ring, until its force has arrived and the
-`learner` reads it there. The loop alone writes this record, the task alone publishes snapshots.
+Nothing is learned here. The predictions of each sample wait in a ring until its force has arrived and the
+`learner` reads them. The loop alone writes this record, the task alone publishes snapshots.
 """
 
 import math
@@ -24,19 +23,19 @@ from forefeel.common.estimation.forces import Forces
 from forefeel.common.estimation.state_filter import GAP_S, StateFilter
 from forefeel.common.jit import Array, kernel, record, zeros
 
-_BEYOND, _EARLY_BEYOND = 0.1, 1.0  # how far a prediction may be beyond that range, as a part of it
-# Times the larger of what was felt and what the contact as taught foretells: right predictions reach 9 times
-# the first alone, for a first push is many times the noise, and 1.2 times the larger.
+_BEYOND, _EARLY_BEYOND = 0.1, 1.0  # distance of a prediction beyond the range of the forces, over that range
+# Limit over the larger of the forces so far and those that the contact as taught predicts: right predictions
+# reach 9 times the first alone, as a first push is many times the noise, and 1.2 times the larger.
 _MOST = 2.0
 # Hz, cutoff of the contact's velocity: a lag of 8 ms, below the 15 ms at which a delayed damper is felt. The
-# velocity is led by it, for a friction that turns 8 ms late at every reversal loses a third of its worth.
+# velocity is advanced by it: a friction that turns 8 ms late at every reversal helps a third less.
 _CUTOFF_HZ = 40.0
 _LEAD_S = 2.0 / (2.0 * math.pi * _CUTOFF_HZ)
 
 
 class Estimate(NamedTuple):
-    """The force now in N, its 95 % band, and the expert that led: one of `blend.NAMES`. NaN and empty of a
-    rival in an evaluation, which has neither.
+    """The force now in N, its 95 % band, and the leading expert: one of `blend.NAMES`. A rival in an
+    evaluation has neither: NaN and empty.
     """
 
     force_n: float
@@ -46,11 +45,11 @@ class Estimate(NamedTuple):
 
 
 class Learned(Protocol):
-    """theta by expert, learned with stops of the radii `radii_m`; weights by member of the blend, and which
-    of them another run has taught; f0, range of the forces, largest error of the zero-order hold L, reach,
+    """theta by expert, learned with stops of the radii `radii_m`; weights by member of the blend; taught:
+    1 if another run has taught it; f0, range of the forces, largest error of the zero-order hold L, reach,
     time judged T; of the band the recent error and the factor.
 
-    renewals: how often the learner has begun anew.
+    renewals: number of times that the learner has begun anew.
     """
 
     renewals: float
@@ -73,11 +72,11 @@ _LEARNED = record(Learned)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Snapshot:
-    """All that the learner has learned, as it gives it to the evaluator; nobody changes it.
+    """All that the learner has learned, for the evaluator; immutable.
 
-    `learned`: one record of `Learned`, in an array. `contact`: None before any is known. `band_known`:
-    whether any prediction has been compared with the force that came. `taught`: the contact as a prior or a
-    model.yaml gave it, None without.
+    `learned`: one record of `Learned`, in an array. `contact`: None before any is known. `band_known`: True
+    once a prediction has been compared with its force. `taught`: the contact as a prior or a model.yaml gave
+    it, else None.
     """
 
     learned: NDArray[np.void]
@@ -87,7 +86,7 @@ class Snapshot:
 
 
 def nothing_learned() -> NDArray[np.void]:
-    """The zero-order hold has all the weight."""
+    """A record of `Learned` in which the zero-order hold has all the weight."""
     learned = zeros(_LEARNED)
     learned["weights"][:, ZOH] = 1.0
     learned["factor"] = np.inf
@@ -95,30 +94,30 @@ def nothing_learned() -> NDArray[np.void]:
 
 
 class Evaluation(Protocol):
-    """The motion; the forces as they arrived, in order of their stamps; and by sample what was said of it.
+    """The motion; the forces as they arrived, in order of their stamps; and the predictions by sample.
 
-    newest: the sample of the newest force, -1 where its motion is not known; newest_s, held_n: its stamp
-    and value. heard: how many forces stand in heard_s and heard_n. stage: expected position, velocity and
-    acceleration. taught_n: the largest force that the contact as taught gave so far. contact_n: what the
-    contact gave; steadily_n: the same without the steps where another fit took over. rows: u of `experts`;
-    said_n: by member; force_n, half_n, scale_n: the prediction, NaN where there was none, and its band.
+    newest: the sample of the newest force, -1 if its motion is not known; newest_s, held_n: its stamp and
+    value. received: number of forces in received_s and received_n. stage: expected position, velocity and
+    acceleration. taught_n: the largest force so far of the contact as taught. contact_n: force of the
+    contact; steadily_n: the same without the steps from one fit to the next. rows: u of `experts`; members_n:
+    predictions by member; force_n, half_n, scale_n: the prediction, NaN without one, and its band.
     """
 
     newest: float
     newest_s: float
     held_n: float
-    heard: float
+    received: float
     renewals: float
     taught_n: float
     bank: Bank
     forces: Forces
-    heard_s: Annotated[Array, RING]
-    heard_n: Annotated[Array, RING]
+    received_s: Annotated[Array, RING]
+    received_n: Annotated[Array, RING]
     stage: Annotated[Array, RING, 3]
     contact_n: Annotated[Array, RING]
     steadily_n: Annotated[Array, RING]
     rows: Annotated[Array, RING, experts.ROW]
-    said_n: Annotated[Array, RING, MEMBERS]
+    members_n: Annotated[Array, RING, MEMBERS]
     force_n: Annotated[Array, RING]
     half_n: Annotated[Array, RING]
     scale_n: Annotated[Array, RING]
@@ -131,9 +130,9 @@ Evaluations = NDArray[np.void]
 
 
 class Evaluator:
-    """Contact force at the own motion of now, from what a learner has published.
+    """Predicts the contact force at the newest own motion, from the snapshot of a learner.
 
-    It is not told the delay: it sees what arrives. Stamps are seconds on one clock, that of the own motion.
+    The delay follows from the forces that arrive. Stamps are seconds on one clock, that of the own motion.
     Before any snapshot every prediction is the newest force.
     """
 
@@ -153,10 +152,10 @@ class Evaluator:
         self._steps_n = 0.0
 
     def move(self, t_s: float, position_m: float, stage_m: float, velocity_m_s: float) -> None:
-        """The own motion at stamp `t_s`: the setpoint; where the stage is expected then, and the velocity.
+        """Adds the own motion at stamp `t_s`: the setpoint, the expected stage position, the velocity.
 
-        What is not finite, or no later than the last, is left out. A pause over 0.1 s begins a new piece:
-        what was learned stays, what the motion has left behind (hysteresis, relaxation) does not.
+        It is ignored if not finite, or no later than the last. A pause over 0.1 s begins a new piece: what
+        was learned stays, the states of the motion (hysteresis, relaxation) do not.
         """
         dt_s = t_s - self._moved_s
         if not (dt_s > 0.0 and math.isfinite(t_s + position_m + stage_m + velocity_m_s)):
@@ -186,20 +185,20 @@ class Evaluator:
         _move(self.record, t_s, position_m, stage, (contact_n, contact_n + self._steps_n, taught_n))
 
     def hear(self, stamp_s: float, force_n: float) -> None:
-        """A force that was measured at `stamp_s`, the stamp of a `move`; an older one than the newest
-        counts for nothing, and one that is far from all before waits for the next, see `forces`.
+        """Adds a force that was measured at `stamp_s`, the stamp of a `move`. It is ignored if older than the
+        newest one; if far from all before, it waits until the next confirms it, see `forces`.
         """
-        _hear(self.record, stamp_s, force_n)
+        _receive(self.record, stamp_s, force_n)
 
     def predict(self) -> Estimate | None:
-        """The force at the newest `move`; None before any force or any motion."""
+        """Predicts and records the force at the newest `move`; None before any force or any motion."""
         force_n, half_n, leading = _predict(self.record, self.snapshot.learned)
         if math.isnan(force_n):
             return None
         return Estimate(force_n, force_n - half_n, force_n + half_n, blends.NAMES[leading])
 
     def restart(self) -> None:
-        """The next `move` begins a new piece of motion, as after a gap or a new grip."""
+        """Begins a new piece of motion with the next `move`, as after a gap or a new grip."""
         self._moved_s = -math.inf
         self.record["bank"]["restart"] = 1.0
 
@@ -212,6 +211,7 @@ def _move(
     stage: tuple[float, float, float],
     contact_n: tuple[float, float, float],
 ) -> None:
+    """Adds a sample and its phi; `contact_n`: force of the contact, without steps, and as taught."""
     evaluation = records[0]
     bank = evaluation.bank
     if not banks.advance(bank, t, x):
@@ -232,53 +232,54 @@ def _move(
 
 
 @kernel
-def _hear(records: Evaluations, stamp: float, force_n: float) -> None:
+def _receive(records: Evaluations, stamp: float, force_n: float) -> None:
+    """Passes a force to `admit` and holds those it accepts; ignores one no later than the newest."""
     evaluation = records[0]
     forces = evaluation.forces
     if stamp <= evaluation.newest_s:
         return
     count = beliefs.admit(forces, stamp, force_n)
-    if forces.known == beliefs.FIRST:  # whatever was held before may be far out
-        evaluation.held_n, evaluation.newest_s, evaluation.heard = forces.first_n, -math.inf, 0.0
+    if forces.known == beliefs.FIRST:  # a force that was held before may be far out
+        evaluation.held_n, evaluation.newest_s, evaluation.received = forces.first_n, -math.inf, 0.0
     for k in range(count):
         _hold(evaluation, forces.admitted[k, 0], forces.admitted[k, 1])
 
 
 @kernel
 def _hold(evaluation: Evaluation, stamp: float, force_n: float) -> None:
-    """Makes it the newest force. One without a motion must be later by a gap than one with."""
+    """Makes a force the newest, if it is later; without a motion, later by a gap than one with a motion."""
     n = banks.find(evaluation.bank, stamp)
     paired_s = evaluation.newest_s if evaluation.newest >= 0.0 else -math.inf
     if stamp <= evaluation.newest_s or (n < 0 and stamp <= paired_s + GAP_S):
         return
     evaluation.newest_s, evaluation.held_n = stamp, force_n
     evaluation.newest = float(n) if evaluation.forces.known >= beliefs.FIRST else -1.0
-    place = int(evaluation.heard) % RING
-    evaluation.heard_s[place], evaluation.heard_n[place] = stamp, force_n
-    evaluation.heard += 1.0
+    place = int(evaluation.received) % RING
+    evaluation.received_s[place], evaluation.received_n[place] = stamp, force_n
+    evaluation.received += 1.0
 
 
 @kernel
 def _predict(records: Evaluations, learneds: NDArray[np.void]) -> tuple[float, float, int]:
-    """(force, half width of the band, member that leads); the force is NaN before any force or motion."""
+    """Predicts and records (force, half width of the band, leading member); NaN before force or motion."""
     evaluation, learned = records[0], learneds[0]
     n, forces = int(evaluation.bank.count) - 1, evaluation.forces
     if forces.known == 0.0 or n < 0:
         return math.nan, math.nan, ZOH
     if learned.renewals != evaluation.renewals:
         forces.low_n, forces.high_n, evaluation.renewals = learned.low_n, learned.high_n, learned.renewals
-        evaluation.steadily_n[:] = math.nan  # of a contact that was given up
+        evaluation.steadily_n[:] = math.nan  # of a contact that was dropped
     held_n, range_n = evaluation.held_n, forces.high_n - forces.low_n
     force_n, variance_n2, leading, cut_n = held_n, 0.0, ZOH, 0.0
     if evaluation.newest >= 0.0:
-        said_n = evaluation.said_n[n % RING]
-        _ask(evaluation, learned, n, said_n)
-        force_n, variance_n2, leading = blends.mean(learned.weights, said_n)
-        asked_n = _limited(learned, forces, force_n, held_n)
+        members_n = evaluation.members_n[n % RING]
+        _predict_members(evaluation, learned, n, members_n)
+        force_n, variance_n2, leading = blends.mean(learned.weights, members_n)
+        limited_n = _limited(learned, forces, force_n, held_n)
         first_n = forces.first_n
         most_n = _MOST * max(forces.high_n - first_n, first_n - forces.low_n, evaluation.taught_n)
-        force_n = min(first_n + most_n, max(first_n - most_n, asked_n))
-        cut_n = min(abs(asked_n - force_n), most_n)
+        force_n = min(first_n + most_n, max(first_n - most_n, limited_n))
+        cut_n = min(abs(limited_n - force_n), most_n)
     scale_n = bands.scale_n(learned.recent_n, variance_n2, force_n - held_n, range_n)
     half_n = scale_n * learned.factor
     if learned.largest_n > 0.0:
@@ -293,35 +294,36 @@ def _predict(records: Evaluations, learneds: NDArray[np.void]) -> tuple[float, f
 
 
 @kernel
-def _ask(evaluation: Evaluation, learned: Learned, n: int, said_n: Array) -> None:
+def _predict_members(evaluation: Evaluation, learned: Learned, n: int, members_n: Array) -> None:
+    """Sets row u and the predictions of sample n; those of a contact not taught stay near the range."""
     i, j, held_n = n % RING, int(evaluation.newest) % RING, evaluation.held_n
     row, known_row = evaluation.rows[i], evaluation.known_row[0]
     experts.fill(row, evaluation.bank, i, j, held_n - learned.first_n)
     for k in range(len(experts.LAGS_S)):
         past_s = evaluation.newest_s - experts.LAGS_S[k]
-        past = banks.last_until(evaluation.heard_s, int(evaluation.heard), past_s)
-        row[experts.PAST + k] = held_n - evaluation.heard_n[past % RING]
+        past = banks.last_until(evaluation.received_s, int(evaluation.received), past_s)
+        row[experts.PAST + k] = held_n - evaluation.received_n[past % RING]
     known_row[:] = row
     for k in range(banks.STOPS):
         if learned.radii_m[k] != evaluation.bank.radii_m[k]:
             experts.clear_stop(evaluation.known_row, k)
-    said_n[ZOH] = held_n
+    members_n[ZOH] = held_n
     largest_n = max(learned.high_n - learned.first_n, learned.first_n - learned.low_n)
-    members = said_n[blends.FIRST : CONTACT]
-    experts.predict(members, learned.theta, known_row, held_n, learned.first_n, learned.largest_n, largest_n)
-    said_n[CONTACT] = evaluation.contact_n[i]
-    said_n[CONTACT + 1] = held_n + evaluation.steadily_n[i] - evaluation.steadily_n[j]
+    expert_n = members_n[blends.FIRST : CONTACT]
+    experts.predict(expert_n, learned.theta, known_row, held_n, learned.first_n, learned.largest_n, largest_n)
+    members_n[CONTACT] = evaluation.contact_n[i]
+    members_n[CONTACT + 1] = held_n + evaluation.steadily_n[i] - evaluation.steadily_n[j]
     forces = evaluation.forces
     range_n = forces.high_n - forces.low_n
     for e in range(CONTACT, MEMBERS):
-        if learned.taught[e] == 0.0 and not math.isnan(said_n[e]):
-            said_n[e] = min(forces.high_n + range_n, max(forces.low_n - range_n, said_n[e]))
+        if learned.taught[e] == 0.0 and not math.isnan(members_n[e]):
+            members_n[e] = min(forces.high_n + range_n, max(forces.low_n - range_n, members_n[e]))
 
 
 @kernel
 def _limited(learned: Learned, forces: Forces, force_n: float, held_n: float) -> float:
-    """Within the reach of the newest force, see `blend`, and near the range of the forces; but as far as an
-    expert says that another run has taught.
+    """Cuts a prediction to the reach about the newest force, see `blend`, and to near the range of forces;
+    members that another run has taught widen both by their weight. Gives the hold if it is not finite.
     """
     beyond = _EARLY_BEYOND if learned.known_s < EARLY_S else _BEYOND
     taught_n = (learned.weights * learned.taught).sum() * abs(force_n - held_n)

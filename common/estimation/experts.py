@@ -3,10 +3,10 @@
     R <- lambda R + h u u',   r <- lambda r + h u y,   lambda = exp(-h / T),   T = 120 s
     theta = (R + D)^-1 r,     D_jj = rho g_j R_jj / W
 
-h is the time that a sample stands for, W the sum of h: the ridge D is the information of rho g_j seconds of
-regressor j at its usual size, so that no regressor needs a scale or a unit. What the motion does not tell
-apart the ridge decides, in favour of small theta; it does not fade, so nothing winds up. At standstill
-nothing is added or forgotten: an hour of rest must not outweigh what the motion has taught.
+h is the time of a sample, W the sum of h: the ridge D is the information of rho g_j seconds of regressor j at
+its usual size, so that no regressor needs a scale or a unit. The ridge decides what the motion does not
+determine, in favour of small theta; it does not fade, so nothing winds up. At standstill nothing is added or
+forgotten: an hour of rest must not outweigh the motion before.
 
 With phi the regressors of the motion (`bank`), t now, s the stamp of the newest force, f0 the force
 before motion, and a(l) = f(s) - f(s - l) the past of the force at six lags l, all experts are ranges of one
@@ -24,8 +24,8 @@ so that one R serves them all. In the table dphi = phi(t) - phi(s).
 | plain | phi(t) | f - f0 | f0 + z' theta | the contact, without the noise of f(s) |
 | odd | phi 1-12, no bias | f - f0 | f(s) + dphi' theta | the first reversal: friction is odd in v |
 
-No expert goes further from where it starts than 1.3 times the largest y seen; the odd one twice the largest
-|f - f0|, for a reversal turns a friction that it has seen one side of.
+No prediction is further from its start than 1.3 times the largest y so far; that of the odd expert twice the
+largest |f - f0|, because a reversal turns a friction of which one side is known.
 
 References: Hoerl and Kennard, Technometrics 12(1), 1970, ridge; Ljung, System Identification (1999), 11.2.
 """
@@ -54,20 +54,20 @@ HELD = THEN + COUNT - 1
 PAST = HELD + 1
 STEP = PAST + len(LAGS_S)
 ROW = STEP + FIRST_RELAXATION - 1
-"""Where the parts of u begin, and its length."""
+"""Starts of the parts of u, and its length."""
 
 NAMES = ("autoregression", "friction", "absolute", "plain", "odd")
 AUTOREGRESSION, FRICTION, ABSOLUTE, PLAIN, ODD = range(len(NAMES))
 _BEGIN = np.array([PAST, PAST, 0, 0, 1])
 _END = np.array([STEP, ROW, STEP, COUNT, FIRST_RELAXATION])
 _LEVEL = np.array([0, 0, 0, 1, 1])
-"""Which moments: 0 of f(t) - f(s), 1 of f - f0."""
+"""Moments by expert: 0 of f(t) - f(s), 1 of f - f0."""
 _RHO_S = np.array([0.05, 0.05, 0.03, 0.05, 0.05])
 
 _MEMORY_S = 120.0
 _SOLVE_EVERY_S = 0.02
 _KICK_S = 0.2
-_LEAST_STOP = 0.3  # a stop's mean square is at least this: one that has just been made has hardly any history
+_LEAST_STOP = 0.3  # least mean square of a stop: a new one has hardly any history
 _REACH, _ODD_REACH = 1.3, 2.0
 _JITTER = 1e-10
 _TINY = 1e-200
@@ -86,8 +86,8 @@ _SHARES = _shares()
 
 
 class Learning(Protocol):
-    """R (its lower triangle) and r of both levels; W; theta by expert; stamp of the last solution in s; the
-    radii of the stops that it has learned with; and working room.
+    """R (its lower triangle) and r of both levels; W; theta by expert; stamp of the last solution in s; radii
+    of the stops in what was learned; and work arrays.
     """
 
     weight_s: float
@@ -101,13 +101,13 @@ class Learning(Protocol):
 
 
 def begin(learning: NDArray[np.void]) -> None:
-    """Makes a record of zeros one that knows nothing: theta = 0."""
+    """Initialises a record of zeros: theta is 0, and the first force is solved at once."""
     learning["solved_s"] = -1e18
 
 
 @kernel
 def fill(row: Array, bank: Bank, now: int, newest: int, held_n: float) -> None:
-    """The part of u that the motion tells, of ring places `now` and `newest`; `held_n`: f(s) - f0."""
+    """Sets the part of u that the motion gives, at ring places `now` and `newest`; `held_n`: f(s) - f0."""
     phi, then = bank.phi[now], bank.phi[newest]
     row[:COUNT] = phi
     row[THEN:HELD] = then[1:]
@@ -118,7 +118,7 @@ def fill(row: Array, bank: Bank, now: int, newest: int, held_n: float) -> None:
 
 @kernel
 def clear_stop(rows: Array, stop: int) -> None:
-    """Clears the columns of a stop that has another radius now: what they meant is over."""
+    """Sets the columns of a stop whose radius has changed to 0."""
     k = FIRST_STOP + stop
     rows[:, k] = 0.0
     rows[:, THEN + k - 1] = 0.0
@@ -127,7 +127,7 @@ def clear_stop(rows: Array, stop: int) -> None:
 
 @fast_kernel
 def predict(
-    said_n: Array,
+    experts_n: Array,
     theta: Array,
     row: Array,
     held_n: float,
@@ -135,7 +135,7 @@ def predict(
     largest_step_n: float,
     largest_n: float,
 ) -> None:
-    """Every expert's force in N; `held_n`: f(s), `level_n`: f0, and the largest y of both levels."""
+    """Sets every expert's force in N; `held_n`: f(s), `level_n`: f0; largest |y| so far of both levels."""
     for e in range(len(NAMES)):
         change_n, shift = 0.0, STEP - 1 if e == ODD else 0
         for j in range(_BEGIN[e], _END[e]):
@@ -144,12 +144,12 @@ def predict(
         if _LEVEL[e] == 1:
             reach_n = (_ODD_REACH if e == ODD else _REACH) * largest_n
         base_n = level_n if e == PLAIN else held_n
-        said_n[e] = base_n + min(reach_n, max(-reach_n, change_n))
+        experts_n[e] = base_n + min(reach_n, max(-reach_n, change_n))
 
 
 @kernel
 def learn(learning: Learning, row: Array, stamp_s: float, step_n: float, force_n: float, h: float) -> None:
-    """Adds a force that has come, as `step_n` = f(t) - f(s) and as `force_n` = f - f0; solves every 20 ms."""
+    """Adds a force of `h` seconds as `step_n` = f(t) - f(s) and `force_n` = f - f0; solves every 20 ms."""
     keep = math.exp(-h / _MEMORY_S)
     _add(learning, row, step_n, force_n, h, keep)
     learning.weight_s = learning.weight_s * keep + h
@@ -160,6 +160,7 @@ def learn(learning: Learning, row: Array, stamp_s: float, step_n: float, force_n
 
 @fast_kernel
 def _add(learning: Learning, row: Array, step_n: float, force_n: float, h: float, keep: float) -> None:
+    """Fades R and both r by `keep`, and adds the row with weight h."""
     information, moments = learning.information, learning.moments
     for i in range(ROW):
         weighted = h * row[i]
@@ -171,7 +172,7 @@ def _add(learning: Learning, row: Array, step_n: float, force_n: float, h: float
 
 @kernel
 def renew_stops(learning: Learning, radii_m: Array) -> None:
-    """Forgets what was learned of stops that have another radius now."""
+    """Takes over the radii; clears what was learned of stops whose radius has changed."""
     for j in range(STOPS):
         if learning.radii_m[j] != radii_m[j]:
             learning.radii_m[j] = radii_m[j]
@@ -189,7 +190,7 @@ def solve(learning: Learning) -> None:
 
 @fast_kernel
 def _solve(learning: Learning, e: int) -> None:
-    """Cholesky factor of R + D within the range of expert e, and the two triangular systems."""
+    """Solves for theta of expert e, by the Cholesky factor of R + D within its range of u."""
     information, moments, theta = learning.information, learning.moments[_LEVEL[e]], learning.theta[e]
     factor, y, weight_s = learning.factor, learning.solution, learning.weight_s
     begin, end, rho_s = _BEGIN[e], _END[e], _RHO_S[e]
@@ -221,7 +222,7 @@ def _solve(learning: Learning, e: int) -> None:
 
 @kernel
 def discount(learning: Learning) -> None:
-    """Leaves what was learned the weight of 0.2 s: enough to begin with, too little to stand in the way."""
+    """Reduces the weight of what was learned to 0.2 s: enough to begin with, little against new forces."""
     share = _KICK_S / max(_KICK_S, learning.weight_s)
     learning.information *= share
     learning.moments *= share

@@ -1,4 +1,4 @@
-"""Which forces are believed: those near the range of the forces seen so far.
+"""Rejection of outliers: a force is accepted if it is near the range of the forces so far.
 
 The range begins with the median of the first three. A force that is beyond it by more than its width is
 suspect, until the next one confirms it; then both count. So a single force far out, of whatever size, is
@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from forefeel.common.jit import Array, kernel
 
 FIRST = 3
-"""So many forces tell a median; nothing is learned before."""
+"""Number of forces that give a median; nothing is learned before."""
 
 
 class Forces(Protocol):
-    """known: forces seen. low_n, high_n: their range. first_n: f0, the median of the first three. before_n:
-    the force seen last. suspect_s, suspect_n: the same where it is not believed yet, else NaN. admitted:
-    (stamp, force) of those that `admit` believed.
+    """known: number of forces. low_n, high_n: their range. first_n: f0, the median of the first three.
+    before_n: the last force. suspect_s, suspect_n: the last one if not accepted, else NaN. admitted: (stamp,
+    force) of those that `admit` has just accepted.
     """
 
     known: float
@@ -34,16 +34,16 @@ class Forces(Protocol):
 
 
 def begin(forces: NDArray[np.void]) -> None:
-    """Makes a record of zeros one that has seen nothing."""
+    """Initialises a record of zeros as one without forces."""
     forces["suspect_s"] = forces["suspect_n"] = np.nan
 
 
 @kernel
 def admit(forces: Forces, stamp: float, force_n: float) -> int:
-    """Takes a force in; how many are believed now: none, or it, or the suspect, or both, in `admitted`."""
+    """Takes in a force; number of those accepted now, in `admitted`: none, it, the last suspect, or both."""
     if not (math.isfinite(force_n) and math.isfinite(stamp)) or stamp == forces.suspect_s:
         return 0
-    _see(forces, force_n)
+    _extend(forces, force_n)
     count = 0
     if _within_reach(forces, forces.suspect_n):
         forces.admitted[0, 0], forces.admitted[0, 1] = forces.suspect_s, forces.suspect_n
@@ -57,7 +57,8 @@ def admit(forces: Forces, stamp: float, force_n: float) -> int:
 
 
 @kernel
-def _see(forces: Forces, force_n: float) -> None:
+def _extend(forces: Forces, force_n: float) -> None:
+    """Counts a force; extends the range, from the median of the first three, as far as two in a row reach."""
     forces.known += 1.0
     if forces.known < FIRST:
         first = forces.known == 1.0
@@ -75,6 +76,6 @@ def _see(forces: Forces, force_n: float) -> None:
 
 @kernel
 def _within_reach(forces: Forces, force_n: float) -> bool:
-    """False for NaN."""
+    """True if a force is in the range, or beyond it by at most its width; False for NaN."""
     range_n = forces.high_n - forces.low_n
     return forces.low_n - range_n <= force_n <= forces.high_n + range_n

@@ -1,4 +1,4 @@
-"""Which parameters the motion lets one tell apart, in plain words.
+"""Statements on the parameters that the motion leaves undetermined, in plain words.
 
 From the information matrix R = sum w phi phi' of the scaled regressors (w: forgetting weights; one sample of
 nominal size counts 1). A parameter with R_ii < 1 is not excited. Among the others the directions eta with R
@@ -25,14 +25,14 @@ Encoder noise seems to inform, too. With steps of 1 um, strokes of 4 mm and a cu
 """
 
 _NEGLIGIBLE = 0.05
-"""Part of a parameter in a free direction that is not worth a word."""
+"""Part of a parameter in a free direction that is not mentioned."""
 
 MAX_STATEMENTS = 4  # texts in a result
 MAX_LENGTH = 200  # characters of a text; within the 256 of `messages.ShortText`
 
 
 def analyse(gathered: Array, names: Sequence[str], scales: Sequence[float]) -> tuple[str, ...]:
-    """What `gathered`, the information matrix of the scaled regressors, leaves undetermined.
+    """Describes what `gathered`, the information matrix of the scaled regressors, leaves undetermined.
 
     Args:
         gathered: R, shape (n, n), symmetric.
@@ -53,8 +53,7 @@ def analyse(gathered: Array, names: Sequence[str], scales: Sequence[float]) -> t
 
 
 def _free_directions(gathered: Array, excited: list[int], scales: Array) -> list[dict[int, float]]:
-    """Free directions in units of the parameters, each with as few parameters as possible: {index:
-    component}."""
+    """Free directions in units of the parameters, with as few of them as possible: {index: component}."""
     if not excited:
         return []
     size = np.sqrt(np.diag(gathered)[excited])
@@ -68,8 +67,7 @@ def _free_directions(gathered: Array, excited: list[int], scales: Array) -> list
 
 
 def _sparse(basis: Array) -> Array:
-    """The same row space by Gauss-Jordan with the largest pivot: zeros where possible, 1 as largest entry of
-    each row."""
+    """The same row space by Gauss-Jordan with the largest pivot: zeros where possible, largest entries 1."""
     rows = basis.copy()
     for i in range(len(rows)):
         pivot_row, pivot = np.unravel_index(int(np.argmax(np.abs(rows[i:]))), rows[i:].shape)
@@ -81,6 +79,7 @@ def _sparse(basis: Array) -> Array:
 
 
 def _describe(direction: dict[int, float], names: Sequence[str]) -> str:
+    """Statement on a free direction: on a parameter, on the combination of a pair, or on several."""
     involved = [names[i] for i in direction]
     if len(direction) == 1:
         return f"{involved[0]} not determined"

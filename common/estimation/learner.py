@@ -1,9 +1,7 @@
-"""The identification task's side of the predictor: learns from the forces that arrive, judges, weighs,
-publishes.
+"""The identification task's side of the predictor: learns from forces, judges predictions, publishes.
 
-It reads what the `evaluator` has said of a sample when the force of that sample has come; so only errors
-that were seen count, and late, lost or reordered forces are learned from once, with what was known when
-they were foretold.
+It compares a force with the predictions of the `evaluator` for its sample once it has arrived. So late, lost
+or reordered forces are learned from once, with the knowledge at the time of their prediction.
 """
 
 import math
@@ -38,12 +36,12 @@ _PLAIN = blends.FIRST + experts.PLAIN
 
 
 class Knowledge(Protocol):
-    """All that was learned. taken: number of the sample whose force was taken in, plus one, by its place.
+    """All that was learned. taken: by ring place, number of the sample whose force has arrived, plus one.
 
-    said_n2, zoh_n2: integrals of the squared errors of the prediction and of the zero-order hold.
+    predicted_n2, zoh_n2: integrals of the squared errors of the prediction and of the zero-order hold.
     """
 
-    said_n2: float
+    predicted_n2: float
     zoh_n2: float
     forces: Forces
     experts: Learning
@@ -60,7 +58,7 @@ _WORSE_THAN_NOTHING = -2
 
 Fit = Callable[[Pause], Contact | None]
 Solve = Callable[[Fit], "Future[Contact | None]"]
-"""Where a fit of the contact is computed: at once, or beside the loop."""
+"""Computes a fit of the contact, at once or beside the loop."""
 
 
 def at_once(fit: Fit) -> "Future[Contact | None]":
@@ -70,20 +68,19 @@ def at_once(fit: Fit) -> "Future[Contact | None]":
 
 
 class Learner:
-    """Learns what an evaluator is to know.
+    """Learns from forces, and publishes snapshots for an evaluator.
 
     Args:
-        evaluator: whose predictions are judged.
-        prior: of the contact, from an earlier session; as it is to be used.
+        evaluator: its predictions are judged.
+        prior: of the contact, from an earlier session, used as given.
         model: of a model.yaml, whose causes take part in the contact.
-        solve: computes the fits of the contact. Whatever it does, a fit takes effect a quarter of a second of
-            stamps after its last sample, or as soon as it is there.
+        solve: computes the fits of the contact. A fit takes effect a quarter of a second of stamps after its
+            last sample, or once it is done if that is later.
 
     Attributes:
-        prior: as given. fits: of the contact so far.
-        renewals: how often it began anew, for what it had learned was worse than nothing, see `validity`.
-        lost_n: the force that each contact which gave way foretold then, see `lost_contact`; it begins anew,
-            and the prior goes.
+        prior: as given; None after a lost contact. fits: number of fits of the contact so far.
+        renewals: number of times that all was discarded, for bad predictions (`validity`) or a lost contact.
+        lost_n: force in N that each lost contact predicted at its loss, see `lost_contact`.
     """
 
     def __init__(
@@ -102,6 +99,7 @@ class Learner:
         self._taught = self._fit.contact
 
     def _begin_anew(self) -> None:
+        """Discards all that was learned, but keeps prior and model; counts a renewal."""
         self._knowledge = zeros(_DTYPE)
         beliefs.begin(self._knowledge["forces"])
         experts.begin(self._knowledge["experts"])
@@ -114,12 +112,10 @@ class Learner:
         self.renewals += 1
 
     def take(self, stamp_s: float, force_n: float, error_m: float = 0.0) -> None:
-        """A force that was measured at `stamp_s`, the stamp of a motion; in any order, each counts once.
+        """Learns from a force that was measured at `stamp_s`, the stamp of a motion; in any order, once each.
 
-        `error_m`: of the position that the evaluator expected then; the stage was so much farther.
-
-        One that is ahead of the motion waits for it. One that is not finite, or far from all that were seen
-        before, is left out, the latter until the next one confirms it.
+        A force ahead of the motion waits for it. One that is not finite is ignored, one that is far from all
+        before waits until the next confirms it. `error_m`: by how much the stage was farther than expected.
         """
         if not (math.isfinite(stamp_s) and math.isfinite(force_n)):
             return
@@ -131,6 +127,7 @@ class Learner:
             self._early.pop()
 
     def _take(self, stamp_s: float, force_n: float, error_m: float) -> None:
+        """Learns from one force; first discards all that was learned if it is worse than the hold."""
         n = _take(self._knowledge, self._evaluation, stamp_s, force_n)
         if n == _WORSE_THAN_NOTHING:
             self._begin_anew()
@@ -139,6 +136,7 @@ class Learner:
             self._fit_contact(stamp_s, n % RING, force_n, error_m)
 
     def _fit_contact(self, stamp_s: float, place: int, force_n: float, error_m: float) -> None:
+        """Adds a sample, applies a finished fit, starts a due one; drops a lost contact, prior and model."""
         x_m, v_m_s, a_m_s2 = self._evaluation["stage"][0, place].tolist()
         x_m += error_m
         free_n = float(self._knowledge["forces"]["first_n"][0])
@@ -165,7 +163,7 @@ class Learner:
             self._fitting = due, self._solve(due.solve)
 
     def publish(self) -> Snapshot:
-        """All that is known now."""
+        """Snapshot of all that is known now."""
         learned = nothing_learned()
         _publish(self._knowledge, learned)
         learned["renewals"] = self.renewals
@@ -181,15 +179,15 @@ class Learner:
 
     @property
     def learned(self) -> ContactPrior | None:
-        """What this session has to tell the next one."""
+        """The contact as a prior for the next session; None before a fit."""
         contact = self._fit.contact
         return contact.prior() if contact is not None and self.fits else None
 
     @property
     def ratio(self) -> float:
         """rms of the prediction over that of the zero-order hold, of all forces so far; NaN before any."""
-        said_n2, zoh_n2 = float(self._knowledge["said_n2"][0]), float(self._knowledge["zoh_n2"][0])
-        return math.sqrt(said_n2 / zoh_n2) if zoh_n2 > 0.0 else math.nan
+        predicted_n2, zoh_n2 = (float(self._knowledge[name][0]) for name in ("predicted_n2", "zoh_n2"))
+        return math.sqrt(predicted_n2 / zoh_n2) if zoh_n2 > 0.0 else math.nan
 
 
 @kernel
@@ -201,7 +199,7 @@ def _moved_s(evaluations: Evaluations) -> float:
 
 @kernel
 def _take(knowledges: NDArray[np.void], evaluations: Evaluations, stamp: float, force_n: float) -> int:
-    """A force that has arrived; the sample that was learned from, -1 without, or `_WORSE_THAN_NOTHING`."""
+    """Learns from a force; number of its sample, -1 if not learned from, or `_WORSE_THAN_NOTHING`."""
     knowledge, evaluation = knowledges[0], evaluations[0]
     n = banks.find(evaluation.bank, stamp)
     if n >= 0:
@@ -219,9 +217,9 @@ def _take(knowledges: NDArray[np.void], evaluations: Evaluations, stamp: float, 
 
 @kernel
 def _learn(knowledge: Knowledge, evaluation: Evaluation, n: int, force_n: float) -> None:
-    """The force of sample n beside what was said of it."""
+    """Learns from the force of sample n and the predictions of it."""
     bank, forces, i = evaluation.bank, knowledge.forces, n % RING
-    said_n, range_n = evaluation.said_n[i], forces.high_n - forces.low_n
+    members_n, range_n = evaluation.members_n[i], forces.high_n - forces.low_n
     h = min(max(bank.period_s, 1e-4), 0.05)
     experts.renew_stops(knowledge.experts, bank.radii_m)
     if not banks.at_rest(bank, n):
@@ -229,18 +227,18 @@ def _learn(knowledge: Knowledge, evaluation: Evaluation, n: int, force_n: float)
             knowledge.experts,
             evaluation.rows[i],
             bank.t_s[i],
-            force_n - said_n[ZOH],
+            force_n - members_n[ZOH],
             force_n - forces.first_n,
             h,
         )
-        validity.judge(knowledge.trial, force_n, evaluation.force_n[i], said_n[ZOH], h)
-    knowledge.said_n2 += h * (force_n - evaluation.force_n[i]) ** 2
-    knowledge.zoh_n2 += h * (force_n - said_n[ZOH]) ** 2
-    blends.judge(knowledge.blend, said_n, force_n, range_n, h)
+        validity.judge(knowledge.trial, force_n, evaluation.force_n[i], members_n[ZOH], h)
+    knowledge.predicted_n2 += h * (force_n - evaluation.force_n[i]) ** 2
+    knowledge.zoh_n2 += h * (force_n - members_n[ZOH]) ** 2
+    blends.judge(knowledge.blend, members_n, force_n, range_n, h)
     bands.learn(
         knowledge.band, force_n - evaluation.force_n[i], evaluation.half_n[i], evaluation.scale_n[i], h
     )
-    if validity.noticed(knowledge.change, said_n[_PLAIN] - force_n, range_n, h):
+    if validity.changed(knowledge.change, members_n[_PLAIN] - force_n, range_n, h):
         experts.discount(knowledge.experts)
         blends.discount(knowledge.blend)
     if not (math.isfinite(knowledge.blend.weights[ZOH]) and math.isfinite(knowledge.experts.theta.sum())):
@@ -249,6 +247,7 @@ def _learn(knowledge: Knowledge, evaluation: Evaluation, n: int, force_n: float)
 
 @kernel
 def _publish(knowledges: NDArray[np.void], learneds: NDArray[np.void]) -> None:
+    """Copies into `learneds` what an evaluator needs, except `renewals`."""
     knowledge, learned = knowledges[0], learneds[0]
     forces, blend, band = knowledge.forces, knowledge.blend, knowledge.band
     learned.known_s = blend.known_s

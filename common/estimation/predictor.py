@@ -10,7 +10,7 @@ from forefeel.common.estimation.learner import Learner
 
 
 class Predictor:
-    """Contact force at the own motion of now; see `Evaluator` and `Learner`.
+    """Predicts the contact force at the newest own motion; see `Evaluator` and `Learner`.
 
     The stage is where the motion says, its velocity the difference of two positions.
 
@@ -26,31 +26,32 @@ class Predictor:
         self._evaluator = Evaluator()
         self.learner = Learner(self._evaluator, prior, model)
         self._evaluator.snapshot = self.learner.publish()
-        self._learned = False
+        self._unpublished = False
         self._last = (-inf, 0.0)
 
     def move(self, t_s: float, position_m: float) -> None:
+        """Adds a position, if its stamp increases, and a prediction, by which the experts are judged."""
         before_s, before_m = self._last
         self._publish()
         if t_s > before_s:
             self._last = t_s, position_m
             velocity_m_s = (position_m - before_m) / (t_s - before_s)
             self._evaluator.move(t_s, position_m, position_m, velocity_m_s)
-            self._evaluator.predict()  # the experts are judged by what they say at each step
+            self._evaluator.predict()
 
     def observe(self, stamp_s: float, force_n: float) -> None:
         self._evaluator.hear(stamp_s, force_n)
         self.learner.take(stamp_s, force_n)
-        self._learned = True
+        self._unpublished = True
 
     def predict(self) -> Estimate | None:
         self._publish()
         return self._evaluator.predict()
 
     def _publish(self) -> None:
-        if self._learned:
+        if self._unpublished:
             self._evaluator.snapshot = self.learner.publish()
-            self._learned = False
+            self._unpublished = False
 
     def restart(self) -> None:
         self._last = (-inf, 0.0)
@@ -61,8 +62,8 @@ class Predictor:
 def compile_kernels() -> None:
     """Compiles every kernel, or loads what an earlier process compiled; some 30 s the first time.
 
-    1.2 s of samples, so that a fit of the contact is among it, and is applied: the first one beside a running
-    loop held the interpreter for 0.2 s.
+    Takes 1.2 s of samples, so that a fit of the contact is computed and applied, too: the first one beside a
+    running loop held the interpreter for 0.2 s.
     """
     predictor = Predictor()
     for n in range(300):

@@ -1,4 +1,4 @@
-"""What of a model's sensor can be foretold: its lags and delays, and the end of its range."""
+"""Predictable part of a model's sensor: its lags and delays, and the end of its range."""
 
 from collections.abc import Callable
 from math import inf
@@ -14,7 +14,7 @@ Sense = Callable[[float, float, float], float]
 
 
 class SensorModel:
-    """What of a model's sensor can be foretold: its lags and delays, and the end of its range.
+    """Lags, delays and end of the range of a model's sensor; its other effects are left out.
 
     Attributes:
         limit_n: the largest reading; infinite without a saturation.
@@ -30,8 +30,8 @@ class SensorModel:
             elif kind is SensorSaturation:
                 self.limit_n = min(self.limit_n, values["limit_n"])
 
-    def line(self) -> Sense:
-        """A fresh chain of its lags and delays, at rest."""
+    def chain(self) -> Sense:
+        """New chain of the lags and delays, at rest; its state advances with each call."""
         readings = [kind(**values).reading for kind, values in self._linear]
 
         def sense(t: float, force_n: float, dt: float) -> float:
@@ -45,5 +45,5 @@ class SensorModel:
         return max(-self.limit_n, min(self.limit_n, force_n))
 
     def at_limit(self, force_n: float) -> bool:
-        """Whether a reading in N tells only that the range has ended."""
+        """True if a reading in N is at the end of the range, and so only a bound of the force."""
         return abs(force_n) >= 0.999 * self.limit_n

@@ -1,6 +1,6 @@
-"""Where the drive will be when it executes a command: its lag, identified from commands and readbacks.
+"""Lag of the drive, identified from commands and readbacks, and the position expected for a command.
 
-The master knows its command now; the contact feels the stage. Below its bandwidth a stable drive of unit gain
+The master knows its command; the contact follows the stage. Below its bandwidth a stable drive of unit gain
 follows a command c like the first terms of its transfer function's Taylor series at s = 0:
 
     x_s = c - T1 c' + T2 c''                                                                      (S1)
@@ -63,7 +63,7 @@ class StageLag:
         self._since_restart_s = 0.0
 
     def command(self, stamp_ns: int, position_m: float) -> float:
-        """The position in m at which the stage will answer the command of that stamp."""
+        """Records a command; returns the expected stage position in m, or `position_m` if not usable."""
         dt = GAP_S if self._commanded_ns is None else (stamp_ns - self._commanded_ns) * 1e-9
         if not (isfinite(position_m) and dt > 0.0):
             return position_m
@@ -76,9 +76,9 @@ class StageLag:
         return position_m - lag_s * v + lag2_s2 * a
 
     def observe(self, stamp_ns: int, readback_m: float) -> None:
-        """The readback in m that answers the command of that stamp.
+        """Learns from the readback in m that answers the command of that stamp.
 
-        Out of order, or less than 4 ms after the last, it is left out: the filters pass no more.
+        It is ignored if its command is unknown, or it is not finite or less than 4 ms after the last.
         """
         sent = self._sent.get(stamp_ns)
         if sent is None or not isfinite(readback_m):
@@ -97,7 +97,7 @@ class StageLag:
             self._learn(-v, a, y, dt)
 
     def _learn(self, u1: float, u2: float, y: float, h: float) -> None:
-        """(S2); T2 is the best one for the T1 that its bounds have left."""
+        """Updates R and r of (S2), and after 1 s of motion `lags`; T2 is optimal for the bounded T1."""
         motion = min(1.0, (u1 / _TYPICAL_M_S) ** 2 + (u2 / _TYPICAL_M_S2) ** 2)
         keep, products = exp(-motion * h / _MEMORY_S), (u1 * u1, u1 * u2, u2 * u2, u1 * y, u2 * y)
         self._sums = [keep * total + h * product for total, product in zip(self._sums, products, strict=True)]

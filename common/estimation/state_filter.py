@@ -17,7 +17,7 @@ Continuous-time Models from Sampled Data (2008), state-variable filters.
 from math import pi
 
 GAP_S = 0.1
-"""A longer pause between two samples is a gap: what happened in it is not known, and filters start anew."""
+"""A longer pause between two samples is a gap, after which filters start anew."""
 
 
 class StateFilter:
@@ -31,7 +31,7 @@ class StateFilter:
         self.reset()
 
     def reset(self) -> None:
-        """Forgets the state; the next sample starts it anew, at rest."""
+        """Clears the state; the next sample starts it anew, at rest."""
         self._started = False
         self._x = self._v = self._a = self._j = 0.0
 

@@ -1,4 +1,4 @@
-"""Whether what was learned still holds: another tissue or grip is noticed, and what is worse than nothing.
+"""Checks of what was learned: detects another tissue or grip, and predictions that are worse than the hold.
 
 Change: the error of the plain expert is set against its usual size, the mean of the last 30 s. A clock runs
 while it is over three times the usual and runs back while it is not; at half a second there is a kick, and
@@ -8,7 +8,7 @@ predict none.
 
 Trial: errors are summed over 2 s of motion. A trial is failed where the predictions' rms error is over twice
 the hold's, beyond a fifth of the range of the forces of this trial and the one before. Then the learner
-begins anew: what it learned came from forces that were none (a sensor's garbage moves the memories of
+begins anew: it has learned from invalid forces (a sensor's garbage moves the memories of
 `experts` and `blend`, which take minutes to fade, and the range of the forces, which never does). A trial
 begins with nothing of the one before but that range, so that forces of any size are over after two of them.
 """
@@ -45,10 +45,10 @@ class Change(Protocol):
 
 
 @kernel
-def noticed(change: Change, error_n: float, range_n: float, w: float) -> bool:
-    """Takes in an error of the model, `w`: the time in s that it stands for; whether this is a kick.
+def changed(change: Change, error_n: float, range_n: float, w: float) -> bool:
+    """Takes in an error of `w` seconds of the plain expert; True after 0.5 s of over three times the usual.
 
-    Errors below a thousandth of `range_n`, the range of the forces, are nothing unusual.
+    At most once in 10 s. Errors below a thousandth of `range_n`, the range of the forces, are usual.
     """
     size_n = abs(error_n)
     usual_n = change.usual / (change.weight + 1e-9) + _LARGE_OF_RANGE * range_n
@@ -68,12 +68,10 @@ def noticed(change: Change, error_n: float, range_n: float, w: float) -> bool:
 
 
 class Trial(Protocol):
-    """Time in s; sums of w e^2 of what was said and of the zero-order hold; ranges of the forces;
-    1 once one was failed.
-    """
+    """Time in s; sums of w e^2 of prediction and zero-order hold; ranges of the forces; 1 after a failure."""
 
     seconds: float
-    said_n2: float
+    predicted_n2: float
     held_n2: float
     low_n: float
     high_n: float
@@ -83,24 +81,24 @@ class Trial(Protocol):
 
 
 def begin(trial: NDArray[np.void]) -> None:
-    """Makes a record of zeros one that has seen nothing."""
+    """Initialises a record of zeros as one without forces."""
     trial["low_n"] = trial["low_before_n"] = np.inf
     trial["high_n"] = trial["high_before_n"] = -np.inf
 
 
 @kernel
-def judge(trial: Trial, force_n: float, said_n: float, held_n: float, w: float) -> None:
-    """A force, what was said of it and what the hold was; `w`: the time in s that it stands for."""
+def judge(trial: Trial, force_n: float, predicted_n: float, held_n: float, w: float) -> None:
+    """Adds a force of `w` seconds to a trial; ends it after 2 s, `failed` if far worse than the hold."""
     trial.seconds += w
-    trial.said_n2 += w * (force_n - said_n) ** 2
+    trial.predicted_n2 += w * (force_n - predicted_n) ** 2
     trial.held_n2 += w * (force_n - held_n) ** 2
     trial.low_n, trial.high_n = min(trial.low_n, force_n), max(trial.high_n, force_n)
     if trial.seconds < _TRIAL_S:
         return
     range_n = max(trial.high_n, trial.high_before_n) - min(trial.low_n, trial.low_before_n)
     allowed_n2 = _FURTHER**2 * trial.held_n2 + (_FURTHER_OF_RANGE * range_n) ** 2 * trial.seconds
-    if not trial.said_n2 <= allowed_n2:
+    if not trial.predicted_n2 <= allowed_n2:
         trial.failed = 1.0
     trial.low_before_n, trial.high_before_n = trial.low_n, trial.high_n
-    trial.seconds = trial.said_n2 = trial.held_n2 = 0.0
+    trial.seconds = trial.predicted_n2 = trial.held_n2 = 0.0
     trial.low_n, trial.high_n = math.inf, -math.inf

@@ -4,7 +4,7 @@ Times are the recording's own stamps. Where the recording shows the reaction the
 resists.
 """
 
-from forefeel.common.causes.candidate import Entry, Found, entry
+from forefeel.common.causes.candidate import Entry, Fitted, entry
 from forefeel.common.causes.catalogue import CANDIDATES, cause_class
 from forefeel.common.causes.model import SCHEMA, ContactModel
 from forefeel.common.causes.registry import OWN
@@ -27,7 +27,7 @@ def extended_model(analysis: Analysis, name: str) -> ContactModel:
     found = _base(fit, *map(float, base))
     for form, shape in fit.model.items():
         own = fit.of(form) * regression.sense
-        found += CANDIDATES[form].entries(Found(own, shape, base, regression.signals.origin_s))
+        found += CANDIDATES[form].entries(Fitted(own, shape, base, regression.signals.origin_s))
     found += [_sensor(fault) for fault in analysis.faults]
     return ContactModel.from_mapping({"schema": SCHEMA, "name": name, "effects": found})
 

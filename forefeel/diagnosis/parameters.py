@@ -5,7 +5,7 @@ from itertools import islice
 
 import numpy as np
 
-from forefeel.common.causes.candidate import Found, Periodic, Values, base_name
+from forefeel.common.causes.candidate import Fitted, Periodic, Values, base_name
 from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.regression import BASE, ModelFit, RecordingRegression
@@ -92,8 +92,8 @@ def _named(regression: RecordingRegression, fit: ModelFit, theta: Floats) -> dic
     named: dict[str, Values] = {"": dict(zip(BASE, base, strict=True))}
     for name, shape in fit.model.items():
         own = linear[[i for i, owner in enumerate(fit.owners) if owner == name]]
-        found = Found(own, tuple(islice(shapes, len(shape))), base, regression.signals.origin_s)
-        named[base_name(name)] = CANDIDATES[name].named(found)
+        fitted = Fitted(own, tuple(islice(shapes, len(shape))), base, regression.signals.origin_s)
+        named[base_name(name)] = CANDIDATES[name].named(fitted)
     return named
 
 

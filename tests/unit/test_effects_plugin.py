@@ -19,7 +19,7 @@ from forefeel.common.causes.base import (
     Parameter,
     SensorEffect,
 )
-from forefeel.common.causes.candidate import Found
+from forefeel.common.causes.candidate import Fitted
 from forefeel.common.causes.catalogue import CANDIDATES, refresh
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.motion import Kinematics, Memory, Motion, MotionSample, Value
@@ -322,8 +322,8 @@ def test_two_shapes_one_of_either_sign_are_searched_and_named(install: Install) 
     assert "threshold" in search.names
     found = search.best_with(search.fit({}), "threshold")
     assert found is not None
-    own = Found(found.of("threshold"), found.model["threshold"], found.coefficients[:3], 0.0)
-    named = CANDIDATES["threshold"].named(own)
+    fitted = Fitted(found.of("threshold"), found.model["threshold"], found.coefficients[:3], 0.0)
+    named = CANDIDATES["threshold"].named(fitted)
     assert named["position_m"] == pytest.approx(-2.3e-3, abs=1e-4)
     assert named["width_m"] == pytest.approx(7e-4, rel=0.1)
     assert named["step_n"] == pytest.approx(0.08, rel=0.05)

@@ -191,7 +191,7 @@ class TestBand:
 class TestChange:
     def kicks(self, errors: Array) -> list[int]:
         change = zeros(record(validity.Change))[0]
-        return [n for n, e in enumerate(errors.tolist()) if validity.noticed(change, e, 1.0, 0.01)]
+        return [n for n, e in enumerate(errors.tolist()) if validity.changed(change, e, 1.0, 0.01)]
 
     def test_one_change_is_one_kick_within_a_second(self) -> None:
         errors = np.random.default_rng(0).standard_normal(8000) * np.where(np.arange(8000) < 4000, 0.01, 0.5)

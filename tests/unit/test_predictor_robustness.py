@@ -136,7 +136,7 @@ def of_experts(sample: Sample) -> Array:
             predictor.observe(sample.t[n - 60], sample.f[n - 60])
         predictor.move(sample.t[n], sample.x[n])
         predictor.predict()
-    said_n: Array = predictor._evaluator.record[0]["said_n"][:1500, : blends.CONTACT]
+    said_n: Array = predictor._evaluator.record[0]["members_n"][:1500, : blends.CONTACT]
     return said_n
 
 
