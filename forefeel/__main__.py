@@ -48,9 +48,9 @@ def main() -> None:
 def _stop() -> int:
     """Runs `forefeel estop` before typer and what the other commands need are imported."""
     _go_first()
-    from forefeel.local import estop  # noqa: PLC0415 - the imports go first, too
+    from forefeel.estop import command  # noqa: PLC0415 - the imports go first, too
 
-    estop.run(sys.argv[2:])
+    command.run(sys.argv[2:])
     return 0
 
 

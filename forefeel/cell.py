@@ -23,7 +23,7 @@ from forefeel.common.messages import ForceSample, HapticSample, SlaveState
 from forefeel.common.topics import FORCE, HAPTICS, SLAVE_STATE, parse_key
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import ZenohTransport
-from forefeel.local.stop import StopSender, sender_of, stop_over_network
+from forefeel.estop.network import StopSender, sender_of, stop_over_network
 
 _FIELDS = {SLAVE_STATE.name: "state", FORCE.name: "force", HAPTICS.name: "prediction"}
 

@@ -19,7 +19,7 @@ from forefeel.common.errors import ConfigurationError
 from forefeel.common.events.sink import EventSink
 from forefeel.common.messages import SafetyState
 from forefeel.common.state.folder import SOCKET
-from forefeel.local.client import LONGEST_TEXT, Answer, Request, socket_path
+from forefeel.estop.client import LONGEST_TEXT, Answer, Request, socket_path
 
 if TYPE_CHECKING:
     from forefeel.master.daemon import MasterDaemon

@@ -27,10 +27,10 @@ from forefeel.common.state.event_log import StateEventSink
 from forefeel.common.state.folder import StateFolder, state_path
 from forefeel.common.transport.parallel import ParallelTransport
 from forefeel.common.transport.security import Party
+from forefeel.configured_devices import configured, import_drivers
 from forefeel.control_socket import ControlSocket, MasterRequests, SlaveRequests
 from forefeel.interrupt import signal_flag
 from forefeel.master.session import SessionState
-from forefeel.probe.configured import configured, import_drivers
 from forefeel.reachability import AnswerWatch, Probe, probe_of, silence_cause
 from forefeel.terminal import say
 

@@ -9,7 +9,7 @@ from shutil import rmtree
 from forefeel.common.causes.model import SCHEMA
 from forefeel.common.events.text import quantity
 from forefeel.common.yaml_file import dump_mapping
-from forefeel.dashboard.chapter import Chapter
+from forefeel.dashboard.scene import Scene
 from forefeel.diagnosis.verdict import Cause, Diagnosis
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
@@ -19,9 +19,9 @@ from forefeel.loopback.viewer import DashboardProcess
 from forefeel.report.model import RunReport
 from forefeel.report.transparency import Transparency
 from forefeel.report.wording import DISCLAIMER, plain_value, share, shown, split_unit
-from forefeel.results.examine import FILES, MODEL, PAGE, Task, examine
 from forefeel.results.folder import EARLIER, save
 from forefeel.results.run import draw, stages
+from forefeel.results.task import FILES, MODEL, PAGE, Task, examine
 from forefeel.terminal import say, show
 
 Effects = Mapping[str, Mapping[str, float]]
@@ -56,7 +56,7 @@ def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float =
 
         def tell(head: str, recording: Path | None = None) -> None:
             say(head)
-            viewer.tell(Chapter(head=head, recording=recording, pages=pages))
+            viewer.tell(Scene(head=head, recording=recording, pages=pages))
 
         tell(f"1 of 3: {duration_s:g} s in a vessel that nothing is known of, 300 ms away")
         first = recorded_run(options, first_out, viewer, overwrite=True)
@@ -76,7 +76,7 @@ def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float =
     lines = _lines(first, diagnosis, second, out, again if viewer.url else "none")
     show(*lines)
     pages["second run"] = out / REPORT
-    viewer.stay(Chapter(head=lines[-1], recording=out / RECORDING, pages=pages))
+    viewer.stay(Scene(head=lines[-1], recording=out / RECORDING, pages=pages))
 
 
 def _model(name: str) -> str:

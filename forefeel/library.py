@@ -10,7 +10,7 @@
 All quantities are SI; a rotation has rad for m and N m for N.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,24 +19,20 @@ from typing import TYPE_CHECKING, Any
 from threadpoolctl import threadpool_limits
 
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.errors import ConfigurationError, InputError, RecordingError, UnclearError
+from forefeel.common.errors import ConfigurationError, InputError
 from forefeel.common.events.text import shown_unit, units_of
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.loading import load, load_recording, recordings_in
 from forefeel.common.recording.recording import Recording
-from forefeel.common.recording.units import parse_column, rescaled
-from forefeel.diagnosis.analysis import Progress
 from forefeel.diagnosis.diagnose import Diagnosed
-from forefeel.diagnosis.diagnose import diagnose as _diagnose
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Evaluated, prepare
 from forefeel.diagnosis.evaluation.evaluate import evaluate as _evaluate
-from forefeel.diagnosis.extended import extended_model
-from forefeel.diagnosis.plausibility import Question, question
 from forefeel.diagnosis.verdict import Cause, VerdictName
-from forefeel.results.answer import answer, headline
 from forefeel.results.curves import Curves
 from forefeel.results.parallel import in_parallel
+from forefeel.results.task import answered
+from forefeel.results.verdict_text import headline
 from forefeel.simulate.motion import FollowedRecording, MotionPiece
 from forefeel.simulate.world import integrate
 
@@ -140,7 +136,8 @@ def diagnose(
     given = None if model is None else load_model(Path(model))
     recordings = [_recording(source, force=True) for source in (recording, *beside)]
     with threadpool_limits(1):  # the arrays are small, and threads would wait
-        return diagnosed(recordings, given=given, as_is=as_is)
+        answer = answered(recordings, given=given, as_is=as_is)
+    return Diagnosis(answer.details.recording, Model(answer.model), answer.lines, answer.details)
 
 
 def diagnose_folder(
@@ -176,38 +173,6 @@ def _attempt(model: Path | None, as_is: bool, file: Path) -> tuple[Path, Diagnos
         return file, diagnose(file, model=model, as_is=as_is)
     except InputError as error:
         return file, error
-
-
-def diagnosed(
-    recordings: Sequence[Recording],
-    progress: Progress = lambda _stage: None,
-    given: ContactModel | None = None,
-    as_is: bool = False,
-) -> Diagnosis:
-    """Diagnoses recordings of one bench as `diagnose` does; `progress` gets each stage before it starts."""
-    with units_of(*[source.columns for source in recordings]):
-        for recording in recordings:
-            if not as_is and (asked := question(recording)) is not None:
-                raise _doubt(recording, asked)
-        details = _diagnose(recordings[0], progress, given, recordings[1:])
-        lines = answer(details.recording, details.diagnosis, None, None if given is None else given.name)
-    named = details.diagnosis.verdict == "cause_found"
-    title = f"{details.recording.name}, extended by its diagnosis"
-    if not named:  # a model of a recording whose cause is not named is no finding
-        title = f"{details.recording.name}, {details.diagnosis.verdict}: mass, damper, spring and bias"
-    model = extended_model(details.analysis if named else details.analysis.baseline(), title)
-    return Diagnosis(details.recording, Model(model), tuple(lines), details)
-
-
-def _doubt(recording: Recording, asked: Question) -> RecordingError:
-    """Error that asks about a doubtful quantity, with the unit in which it would be usual if there is one."""
-    text = recording.columns.get(asked.quantity)
-    column, unit = parse_column(asked.quantity, text) if text else (asked.quantity, "")
-    other = rescaled(asked.quantity, unit, asked.factor) if text else None
-    doubt = f"{recording.source}: {column} {asked.text} (--as-is if that is true)"
-    if other is None:
-        return RecordingError(f"{doubt}; expected s, {shown_unit('m')} and {shown_unit('N')}")
-    return UnclearError(f"{doubt}, in {other} it would be usual", {asked.quantity: f"{other}:{column}"})
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -17,11 +17,12 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation import band as bands
 from forefeel.common.estimation import bank as banks
 from forefeel.common.estimation import blend as blends
-from forefeel.common.estimation import experts, validity
+from forefeel.common.estimation import change_detection, experts
 from forefeel.common.estimation import forces as beliefs
 from forefeel.common.estimation.band import Band
 from forefeel.common.estimation.bank import RING
 from forefeel.common.estimation.blend import ZOH, Blend
+from forefeel.common.estimation.change_detection import Change, Trial
 from forefeel.common.estimation.contact import Contact, ContactFit, Fitting
 from forefeel.common.estimation.contact_fit import Pause
 from forefeel.common.estimation.contact_prior import ContactPrior
@@ -29,7 +30,6 @@ from forefeel.common.estimation.evaluator import Evaluation, Evaluations, Evalua
 from forefeel.common.estimation.experts import Learning
 from forefeel.common.estimation.forces import Forces
 from forefeel.common.estimation.lost_contact import LostContact
-from forefeel.common.estimation.validity import Change, Trial
 from forefeel.common.jit import Array, kernel, record, zeros
 
 _PLAIN = blends.FIRST + experts.PLAIN
@@ -105,7 +105,7 @@ class Learner:
         experts.begin(self._knowledge["experts"])
         blends.begin(self._knowledge["blend"], self.prior is not None or self._model is not None)
         bands.begin(self._knowledge["band"])
-        validity.begin(self._knowledge["trial"])
+        change_detection.begin(self._knowledge["trial"])
         self._fit = ContactFit(self.prior, self._model)
         self._fitting: tuple[Fitting, Future[Contact | None]] | None = None
         self._lost_contact = LostContact()
@@ -231,14 +231,14 @@ def _learn(knowledge: Knowledge, evaluation: Evaluation, n: int, force_n: float)
             force_n - forces.first_n,
             h,
         )
-        validity.judge(knowledge.trial, force_n, evaluation.force_n[i], members_n[ZOH], h)
+        change_detection.judge(knowledge.trial, force_n, evaluation.force_n[i], members_n[ZOH], h)
     knowledge.predicted_n2 += h * (force_n - evaluation.force_n[i]) ** 2
     knowledge.zoh_n2 += h * (force_n - members_n[ZOH]) ** 2
     blends.judge(knowledge.blend, members_n, force_n, range_n, h)
     bands.learn(
         knowledge.band, force_n - evaluation.force_n[i], evaluation.half_n[i], evaluation.scale_n[i], h
     )
-    if validity.changed(knowledge.change, members_n[_PLAIN] - force_n, range_n, h):
+    if change_detection.changed(knowledge.change, members_n[_PLAIN] - force_n, range_n, h):
         experts.discount(knowledge.experts)
         blends.discount(knowledge.blend)
     if not (math.isfinite(knowledge.blend.weights[ZOH]) and math.isfinite(knowledge.experts.theta.sum())):

@@ -11,9 +11,9 @@ from docs.hooks.units import unit_of
 from docs.hooks.values import default, models, values
 from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalibration
 from forefeel.common.transport.settings import PRESETS as IMPAIRMENTS
-from forefeel.dashboard.vessel import VesselSettings
 from forefeel.master.settings import MasterSettings
 from forefeel.network_settings import ObserverSettings, RouterSettings
+from forefeel.report.vessel import VesselSettings
 from forefeel.slave.plant.presets import PRESETS as WORLDS
 from forefeel.slave.settings import SlaveSettings
 

@@ -36,10 +36,10 @@ from forefeel.common.hardware.link import DeviceLink
 from forefeel.common.runtime.real import HOST
 from forefeel.common.state.folder import LATCHED, StateFolder, state_path
 from forefeel.common.state.latch import latched
+from forefeel.configured_devices import ConfiguredDevice, device_of
 from forefeel.daemon_settings import load_daemon
 from forefeel.files import check_new_file, write_whole
 from forefeel.interrupt import breakable
-from forefeel.probe.configured import ConfiguredDevice, device_of
 from forefeel.slave.load_cell import NativeLoadCell, NativeReading
 from forefeel.terminal import answer, ask, say
 

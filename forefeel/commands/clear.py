@@ -10,7 +10,7 @@ from forefeel.commands.options import examples
 from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.common.state.folder import state_path
 from forefeel.daemon_settings import load_daemon
-from forefeel.local.client import Request, ask
+from forefeel.estop.client import Request, ask
 
 
 @examples("forefeel clear --config deploy/config/slave.yaml")

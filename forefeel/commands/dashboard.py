@@ -48,8 +48,8 @@ def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     chapters: Annotated[bool, typer.Option("--told", hidden=True)] = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.dashboard.vessel import vessel_of  # noqa: PLC0415 - the help needs none of it
     from forefeel.network_settings import observer  # noqa: PLC0415
+    from forefeel.report.vessel import vessel_of  # noqa: PLC0415 - the help needs none of it
 
     settings, drawn = observer(config, cell, connect or [], pki, through_router), vessel_of(vessel)
     with extra("dashboard", *PACKAGES):

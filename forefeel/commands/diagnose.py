@@ -56,8 +56,8 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
 ) -> None:
     from forefeel.common.model_file import load_model  # noqa: PLC0415 - the help needs none of it
     from forefeel.common.recording.units import Mapping  # noqa: PLC0415
-    from forefeel.results.examine import Task  # noqa: PLC0415
     from forefeel.results.run import run_diagnosis  # noqa: PLC0415
+    from forefeel.results.task import Task  # noqa: PLC0415
 
     with output(as_json, quiet):
         columns = Mapping(time_column, position_column, force_column)

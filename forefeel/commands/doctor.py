@@ -27,7 +27,7 @@ def doctor(
 ) -> None:
     from rich.text import Text  # noqa: PLC0415 - the help needs none of it
 
-    from forefeel.doctor.examine import LEVELS, examine  # noqa: PLC0415
+    from forefeel.doctor.checks import LEVELS, examine  # noqa: PLC0415
     from forefeel.doctor.host import HostProbe  # noqa: PLC0415
 
     with output(as_json, quiet):

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from forefeel.commands.options import examples
-from forefeel.local import estop as stops
+from forefeel.estop import command as stops
 
 
 def _typer_command(parser: OptionParser, act: Callable[..., None]) -> Callable[..., None]:

@@ -19,7 +19,7 @@ def view(
     vessel: Vessel = None,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.dashboard.vessel import vessel_of  # noqa: PLC0415 - the help needs none of it
+    from forefeel.report.vessel import vessel_of  # noqa: PLC0415 - the help needs none of it
 
     drawn = vessel_of(vessel)
     with extra("dashboard", *PACKAGES):

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from forefeel.dashboard import cards
+from forefeel.dashboard import panels
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.trace import Points
@@ -59,17 +59,17 @@ class Feed:
     def _cards(self, cell: CellView, view: AxisView, now_ns: int) -> Answer:
         """Cards that are due and have changed, by name."""
         made: dict[str, tuple[int, Callable[[], Any]]] = {
-            "numbers": (_QUICK_NS, lambda: cards.numbers(view, now_ns)),
-            "banner": (_QUICK_NS, lambda: cards.banner(view)),
-            "gain": (_SLOW_NS, lambda: cards.gain(view, now_ns)),
-            "standing": (_QUICK_NS, lambda: cards.status_lights(view, now_ns)),
-            "watch": (_QUICK_NS, lambda: cards.watch(view, now_ns)),
-            "energy": (_QUICK_NS, lambda: cards.energy(view, now_ns)),
-            "delay": (_SLOW_NS, lambda: cards.delay(view, now_ns)),
-            "model": (_SLOW_NS, lambda: cards.model(view, now_ns)),
-            "loops": (_SLOW_NS, lambda: cards.loops(view, now_ns)),
-            "counted": (_SLOW_NS, lambda: cards.counted(view, now_ns, cell.refused)),
-            "events": (_QUICK_NS, lambda: cards.events(view.events)),
+            "numbers": (_QUICK_NS, lambda: panels.numbers(view, now_ns)),
+            "banner": (_QUICK_NS, lambda: panels.banner(view)),
+            "gain": (_SLOW_NS, lambda: panels.gain(view, now_ns)),
+            "standing": (_QUICK_NS, lambda: panels.status_lights(view, now_ns)),
+            "watch": (_QUICK_NS, lambda: panels.watch(view, now_ns)),
+            "energy": (_QUICK_NS, lambda: panels.energy(view, now_ns)),
+            "delay": (_SLOW_NS, lambda: panels.delay(view, now_ns)),
+            "model": (_SLOW_NS, lambda: panels.model(view, now_ns)),
+            "loops": (_SLOW_NS, lambda: panels.loops(view, now_ns)),
+            "counted": (_SLOW_NS, lambda: panels.counted(view, now_ns, cell.refused)),
+            "events": (_QUICK_NS, lambda: panels.events(view.events)),
         }
         return {name: card for name, (every_ns, make) in made.items()
                 for card in self._changed(name, every_ns, make, now_ns)}  # fmt: skip

@@ -30,14 +30,14 @@ from forefeel.common.transport.port import Transport
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.dashboard.admission import guard
-from forefeel.dashboard.chapter import Chapter
+from forefeel.dashboard.endpoint import CONVERSATION, RESULTS, Endpoint
+from forefeel.dashboard.scene import Scene
 from forefeel.dashboard.sources import LiveCell
-from forefeel.dashboard.story import CONVERSATION, RESULTS, Story
-from forefeel.dashboard.vessel import VesselSettings
+from forefeel.estop.network import EVERY_S, FOR_S, Stopper
 from forefeel.interrupt import signal_flag
-from forefeel.local.stop import EVERY_S, FOR_S, Stopper
 from forefeel.network_settings import ObserverSettings
 from forefeel.reachability import cell_watch
+from forefeel.report.vessel import VesselSettings
 from forefeel.terminal import ask, say
 
 _POLL_S = 0.2  # s between two looks for an end
@@ -66,11 +66,11 @@ def run_dashboard(
     insecure: bool,
     opens: bool,
     vessel: VesselSettings | None,
-    chapters: TextIO | None = None,
+    scenes: TextIO | None = None,
 ) -> None:
     """Shows a live cell until SIGINT, SIGTERM or SIGHUP.
 
-    `chapters`: lines of JSON, each a `Chapter`; the newest is shown.
+    `scenes`: lines of JSON, each a `Scene`; the newest is shown.
 
     Raises:
         InputError: an endpoint, a certificate or the port can not be used.
@@ -97,10 +97,10 @@ def run_dashboard(
             if transport.notice:
                 say(transport.notice)
             routes = [Route("/stop", button.press, methods=["POST"])]
-            story = Story(live, Chapter(vessel=vessel))
+            endpoint = Endpoint(live, Scene(vessel=vessel))
             watch = cell_watch(settings.transport, party, transport, clock)
-            ends = _follow(story, chapters) if chapters else _failure(failed, lambda: live.look(watch))
-            _serve(listening, address, story, f"cell {settings.cell}", opens, ends, routes)
+            ends = _follow(endpoint, scenes) if scenes else _failure(failed, lambda: live.look(watch))
+            _serve(listening, address, endpoint, f"cell {settings.cell}", opens, ends, routes)
 
 
 def run_view(file: Path, address: str, port: int, opens: bool, vessel: VesselSettings | None) -> None:
@@ -112,10 +112,10 @@ def run_view(file: Path, address: str, port: int, opens: bool, vessel: VesselSet
     """
     beside = {"report": file.parent / "report.html", "diagnosis": file.parent / "diagnosis" / "report.html"}
     pages = {words: path for words, path in beside.items() if path.is_file()}
-    story = Story(None, Chapter(recording=file, pages=pages, vessel=vessel))
+    endpoint = Endpoint(None, Scene(recording=file, pages=pages, vessel=vessel))
     _lower_priority()
     with signal_flag(_exit), listening_at(address, port) as listening:
-        _serve(listening, address, story, str(file), opens, _failure(()))
+        _serve(listening, address, endpoint, str(file), opens, _failure(()))
 
 
 def _exit() -> None:
@@ -159,7 +159,7 @@ class Connection(H11Protocol):
     """HTTP connection of uvicorn that gives way: one that asks nothing keeps nobody from the stop button.
 
     It is silent until the head of its request is complete, and again once that is answered. A WebSocket is
-    none of these any more: `Story` bounds them, and ends one by `state.abort`.
+    none of these any more: `Endpoint` bounds them, and ends one by `state.abort`.
     """
 
     _noticed_s = -math.inf  # by the class, for all connections
@@ -220,7 +220,7 @@ class _Files(StaticFiles):
 def _serve(
     listening: socket.socket,
     address: str,
-    story: Story,
+    endpoint: Endpoint,
     what: str,
     opens: bool,
     ends: Coroutine[Any, Any, None],
@@ -233,8 +233,8 @@ def _serve(
     """
     routes = [
         *more,
-        WebSocketRoute(CONVERSATION, story.converse),
-        Route(RESULTS, story.result),
+        WebSocketRoute(CONVERSATION, endpoint.converse),
+        Route(RESULTS, endpoint.result),
         Mount("/", _Files(directory=_STATIC, html=True)),
     ]
     app = Starlette(routes=routes)
@@ -275,15 +275,15 @@ async def _failure(failed: Sequence[Exception], look: Callable[[], object] = lam
     raise failed[0]
 
 
-async def _follow(story: Story, lines: TextIO) -> None:
-    """Shows each chapter that comes; returns once no page was open for 10 s, unless the last one stays."""
+async def _follow(endpoint: Endpoint, lines: TextIO) -> None:
+    """Shows each scene that comes; returns once no page was open for 10 s, unless the last one stays."""
     reader = asyncio.StreamReader()
     loop = asyncio.get_running_loop()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), lines)
     while line := await reader.readline():
-        story.tell(Chapter.model_validate_json(line))
+        endpoint.tell(Scene.model_validate_json(line))
     seen_s = time.monotonic()
-    while story.chapter.stays or time.monotonic() - seen_s < _LINGER_S:
+    while endpoint.scene.stays or time.monotonic() - seen_s < _LINGER_S:
         await asyncio.sleep(_POLL_S)
-        if story.open:
+        if endpoint.open:
             seen_s = time.monotonic()

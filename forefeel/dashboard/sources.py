@@ -14,7 +14,7 @@ from forefeel.common.recording.mcap_spans import RunSpans
 from forefeel.common.topics import BY_NAME
 from forefeel.dashboard.cell_view import UNREAD, CellView
 from forefeel.dashboard.feed import Answer, Feed
-from forefeel.dashboard.lights import silent_s
+from forefeel.dashboard.indicators import silent_s
 from forefeel.dashboard.trace import SPAN_S
 
 LEAD_S = 20.0  # s that are read of a recording before the place asked for

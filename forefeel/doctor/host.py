@@ -21,7 +21,7 @@ from forefeel.common.topics import MASTER_STATE, SLAVE_STATE
 from forefeel.common.transport.security import Party, PartyFiles
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
-from forefeel.probe.configured import ConfiguredDevice
+from forefeel.configured_devices import ConfiguredDevice
 from forefeel.probe.probe import Probed, probe
 from forefeel.reachability import Reached, reach
 

@@ -15,13 +15,13 @@ from forefeel.child_process import die_with_parent
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.hardware.driver import InstalledDriver, every_driver, imported
 from forefeel.common.runtime.real import HOST
+from forefeel.configured_devices import configured
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.canopen.hub import CanHub
 from forefeel.devices.emulation.bench import Emulation, Load, SerialBench, Surroundings
 from forefeel.devices.emulation.pty import Pty, PtyServer
 from forefeel.devices.shared.settings import CanSettings
 from forefeel.interrupt import signal_flag
-from forefeel.probe.configured import configured
 from forefeel.slave.plant.settings import WorldSettings, preset
 from forefeel.terminal import complain, suggest
 

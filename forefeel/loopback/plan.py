@@ -13,9 +13,9 @@ from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.units import Mapping
 from forefeel.common.transport.settings import PRESETS
-from forefeel.dashboard.vessel import RECORDED, VesselSettings
 from forefeel.loopback.viewer import CELL
 from forefeel.master.settings import MasterSettings
+from forefeel.report.vessel import RECORDED, VesselSettings
 from forefeel.slave.plant.presets import PRESETS as WORLDS
 from forefeel.slave.plant.settings import WorldSettings
 from forefeel.slave.settings import SlaveSettings

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from forefeel.common.errors import ConfigurationError
-from forefeel.dashboard.chapter import Chapter
+from forefeel.dashboard.scene import Scene
 from forefeel.files import fresh_folder
 from forefeel.interrupt import ends_in_order, signal_flag
 from forefeel.loopback.hardware import check_hardware, on_bench
@@ -51,7 +51,7 @@ def run_loopback(
         suggest("diagnose", folder / RECORDING, out=folder / "diagnosis", overwrite=overwrite)
         if viewer is not None:
             pages = {"report": (folder / REPORT).absolute()}
-            viewer.stay(Chapter(head="The run has ended", recording=folder / RECORDING, pages=pages))
+            viewer.stay(Scene(head="The run has ended", recording=folder / RECORDING, pages=pages))
 
 
 def judge(report: "RunReport") -> None:
@@ -89,7 +89,7 @@ def recorded_run(
             say(note)
         if viewer is not None:
             viewer.start()
-            viewer.tell(viewer.chapter.model_copy(update={"vessel": plan.vessel()}))
+            viewer.tell(viewer.scene.model_copy(update={"vessel": plan.vessel()}))
         _run(plan, options, folder, virtual, written, viewer)
         from forefeel.report.page import write_report  # noqa: PLC0415 - as above
 

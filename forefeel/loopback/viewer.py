@@ -11,7 +11,7 @@ from typing import Self
 
 from forefeel.child_process import LISTENING, listening_at
 from forefeel.common.errors import EndpointError
-from forefeel.dashboard.chapter import Chapter
+from forefeel.dashboard.scene import Scene
 from forefeel.interrupt import signal_flag
 from forefeel.loopback.child import Child, free_endpoints
 
@@ -34,7 +34,7 @@ class DashboardProcess:
         endpoints: where it connects to the slave and to the master of each run.
         url: of the page; empty where there is none.
         until: when it ends, in words.
-        chapter: what it shows.
+        scene: what it shows.
     """
 
     def __init__(self, out: Path, opens: bool, say: Callable[[str], None], port: int = PORT) -> None:
@@ -43,7 +43,7 @@ class DashboardProcess:
         self._stays = sys.stdout.isatty()
         self.until = "Ctrl-C" if self._stays else "nobody looks"
         self._out, self._opens, self._say, self._port = out, opens, say, port
-        self.chapter = Chapter()
+        self.scene = Scene()
         self._child: Child | None = None
         self._started = False
 
@@ -77,18 +77,18 @@ class DashboardProcess:
         if self._child is not None:
             self._child.end()
 
-    def tell(self, chapter: Chapter) -> None:
-        """Shows that chapter from now on."""
-        self.chapter = chapter
+    def tell(self, scene: Scene) -> None:
+        """Shows that scene from now on."""
+        self.scene = scene
         if self._child is not None:
-            self._child.tell(chapter.model_dump_json())
+            self._child.tell(scene.model_dump_json())
 
-    def stay(self, chapter: Chapter) -> None:
-        """Shows the last chapter until a signal; where there is no terminal as long as somebody looks."""
+    def stay(self, scene: Scene) -> None:
+        """Shows the last scene until a signal; where there is no terminal as long as somebody looks."""
         if self._child is None:
             return
         with signal_flag() as stop:
-            self.tell(chapter.model_copy(update={"stays": self._stays}))
+            self.tell(scene.model_copy(update={"stays": self._stays}))
             self._child.close_input()
             while self._child.running and not stop.wanted():
                 time.sleep(_POLL_S)

@@ -14,10 +14,10 @@ from rich.text import Text
 from forefeel.common.clock import MonotonicClock, SleepingClock
 from forefeel.common.errors import DeviceError, ForefeelError, InputError, RunError
 from forefeel.common.hardware.link import DeviceLink
+from forefeel.configured_devices import ConfiguredDevice, configured
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.shared.stream import latency_warning
 from forefeel.interrupt import breakable
-from forefeel.probe.configured import ConfiguredDevice, configured
 from forefeel.terminal import answer, show
 
 _PERIOD_NS = 1_000_000  # ns between two reads: the 1 kHz of the loops

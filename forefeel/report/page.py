@@ -12,7 +12,6 @@ from forefeel.common.limiter import MOTION_RULES
 from forefeel.common.messages import Grip, SafetyState
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import SLAVE_STATE
-from forefeel.dashboard.vessel import friction, of_recording
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
 from forefeel.report.drawing import (
@@ -33,6 +32,7 @@ from forefeel.report.summary import MOST_EVENTS, SETTLING_S, summarise
 from forefeel.report.template import render
 from forefeel.report.traces import AxisTraces, ParameterTraces, axis_traces
 from forefeel.report.transparency import JND_FLOOR_N, JND_SHARE, Transparency
+from forefeel.report.vessel import friction, of_recording
 from forefeel.report.wording import DISCLAIMER, in_order, micros, named, number, ratio, scale, share
 from forefeel.terminal import answer, suggest
 

@@ -18,9 +18,9 @@ from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order, signal_flag
 from forefeel.report.wording import DISCLAIMER
-from forefeel.results.answer import named, noise_text
-from forefeel.results.examine import FILES, JSON, PAGE, Result, Task, TaskOutcome, attempt
 from forefeel.results.parallel import in_parallel
+from forefeel.results.task import FILES, JSON, PAGE, Result, Task, TaskOutcome, attempt
+from forefeel.results.verdict_text import named, noise_text
 from forefeel.terminal import answer, bar, complain, say, suggest, table
 
 SUMMARY, SCHEMA = "summary.json", "forefeel.diagnoses/1"

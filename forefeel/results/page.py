@@ -17,10 +17,9 @@ from forefeel.diagnosis.verdict import Diagnosis, Look
 from forefeel.report.drawing import AxisUnit, Figure, Layer, binned, cloud, line, loop, panel, spec
 from forefeel.report.template import render
 from forefeel.report.wording import plain_value, shown
-from forefeel.results.advice import next_steps
-from forefeel.results.answer import answer_lines, failure, gain_text, headline, on_readings
 from forefeel.results.curves import LEFT, MODEL, Curves, Rows, near, strokes
 from forefeel.results.pictures import HEIGHT_PX, picture, sensor_picture, spectrum, timeline
+from forefeel.results.verdict_text import answer_lines, failure, gain_text, headline, next_steps, on_readings
 
 NOT_DRAWN = "A picture that failed"
 _WORST_S = 5.0  # of the stretch that is drawn in full

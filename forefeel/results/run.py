@@ -8,8 +8,8 @@ from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.common.recording.loading import recordings_in
 from forefeel.files import folder_named_after, fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
-from forefeel.results.examine import FILES, JSON, MODEL, PAGE, Task, Tell, examine
 from forefeel.results.folder import EARLIER, run_folder, save
+from forefeel.results.task import FILES, JSON, MODEL, PAGE, Task, Tell, examine
 from forefeel.terminal import answer, complain, say, suggest
 
 _LONG = {

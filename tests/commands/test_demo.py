@@ -7,7 +7,7 @@ import pytest
 
 from forefeel import demo
 from forefeel.common.error_size import ErrorSize
-from forefeel.dashboard.chapter import Chapter
+from forefeel.dashboard.scene import Scene
 from forefeel.loopback.plan import LoopbackOptions
 from forefeel.report.transparency import Transparency
 
@@ -21,10 +21,10 @@ class Viewer:
     url, until = "http://127.0.0.1:8600/", "Ctrl-C"
 
     def __init__(self) -> None:
-        self.chapters: list[Chapter] = []
+        self.scenes: list[Scene] = []
 
-    def tell(self, chapter: Chapter) -> None:
-        self.chapters.append(chapter)
+    def tell(self, scene: Scene) -> None:
+        self.scenes.append(scene)
 
     stay = tell
 
@@ -61,6 +61,6 @@ def test_demo_tells_what_was_hidden_and_ends_with_the_errors(
     assert all(each in lines[-1] for each in ("89 mN", "33 mN", "14 mN", "0.15"))
     shown = [
         (each.head[:1], each.recording and each.recording.parent.name, len(each.pages))
-        for each in viewer.chapters
+        for each in viewer.scenes
     ]
     assert shown == [("1", None, 0), ("2", "first", 1), ("3", None, 2), ("F", tmp_path.name, 3)]

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 from forefeel.common.recording.mcap_writer import RunWriter
-from forefeel.results.examine import Task, examine
+from forefeel.results.task import Task, examine
 from tests.commands.command_line import contents, refused
 from tests.unit.diagnosis_samples import FRICTION_N, made, one_sine, put
 from tests.unit.evaluation_samples import csv_text
@@ -154,7 +154,7 @@ def test_diagnosis_that_fails_does_not_stop_others(
             raise np.linalg.LinAlgError("Singular matrix")
         return found
 
-    monkeypatch.setattr("forefeel.results.examine._examine", fails_on_a)
+    monkeypatch.setattr("forefeel.results.task._examine", fails_on_a)
     assert run(["diagnose", str(folder), "--out", str(out)]) == 1
     assert "a.csv: the diagnosis failed, LinAlgError: Singular matrix" in capsys.readouterr().err
     assert names(out) == {"b", "summary.json"}

@@ -15,8 +15,8 @@ from forefeel.common.errors import RunError
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.folder import state_path
 from forefeel.daemon_settings import load_any
-from forefeel.local import estop
-from forefeel.local.client import Answer, Request
+from forefeel.estop import command
+from forefeel.estop.client import Answer, Request
 from tests.commands.command_line import group
 from tests.unit.failing import refusing
 
@@ -29,7 +29,7 @@ BESIDE = ["estop", "--config", "slave.yaml"]
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "slave.yaml").write_text(SLAVE)
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("forefeel.local.stop.FOR_S", 0.05)
+    monkeypatch.setattr("forefeel.estop.network.FOR_S", 0.05)
     return tmp_path
 
 
@@ -51,7 +51,7 @@ class Daemon:
 @pytest.fixture
 def daemon(monkeypatch: pytest.MonkeyPatch) -> Daemon:
     made = Daemon()
-    monkeypatch.setattr(estop, "ask", made.ask)
+    monkeypatch.setattr(command, "ask", made.ask)
     return made
 
 
@@ -106,7 +106,7 @@ def test_stop_that_nobody_confirms_fails_loudly(
             opened.append("closed")
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("forefeel.local.stop.ZenohTransport.open", lambda *_, **__: Silent())
+        patch.setattr("forefeel.estop.network.ZenohTransport.open", lambda *_, **__: Silent())
         assert run(BESIDE) == 1
     why, failed = capsys.readouterr().err.splitlines()
     assert "over the network" in why and "NOT CONFIRMED" in failed
@@ -154,7 +154,7 @@ def test_state_folder_is_that_of_the_daemon(folder: Path, text: str) -> None:
     settings = load_any(path)
     assert isinstance(settings, DaemonSettings)
     role = settings.model_dump(include={"role"})["role"]
-    assert estop.state_folder(path) == state_path(settings, role, os.environ)
+    assert command.state_folder(path) == state_path(settings, role, os.environ)
 
 
 @pytest.mark.parametrize(
@@ -163,11 +163,11 @@ def test_state_folder_is_that_of_the_daemon(folder: Path, text: str) -> None:
 def test_file_of_no_daemon_has_no_state_folder(folder: Path, text: str) -> None:
     path = folder / "some.yaml"
     path.write_text(text)
-    assert estop.state_folder(path) is None
+    assert command.state_folder(path) is None
 
 
 def test_typer_has_every_option_of_the_parser() -> None:
-    known = {each.get_opt_string(): each.help for each in estop.PARSER.option_list}
+    known = {each.get_opt_string(): each.help for each in command.PARSER.option_list}
     shown = {each.opts[0]: each.help for each in group(["estop"]).params}
     assert {**known, "--help": ""} == {**shown, "--help": ""}
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from forefeel.doctor.examine import Finding
+from forefeel.doctor.checks import Finding
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from tests.commands.command_line import COMMANDS, group
@@ -53,7 +53,7 @@ def words(made_once: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> C
     for each in made_once.iterdir():
         (tmp_path / each.name).symlink_to(each)
     found = [Finding("settings", "slave.yaml", "amber", "loads", "wait")]
-    monkeypatch.setattr("forefeel.doctor.examine.examine", lambda *_: found)
+    monkeypatch.setattr("forefeel.doctor.checks.examine", lambda *_: found)
     return lambda line: line.replace("@", str(tmp_path)).split()
 
 

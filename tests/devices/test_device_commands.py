@@ -20,9 +20,9 @@ from forefeel.common.hardware.driver import (
     imported,
     installed_drivers,
 )
+from forefeel.configured_devices import ConfiguredDevice, configured
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.shared.stream import latency_warning
-from forefeel.probe.configured import ConfiguredDevice, configured
 from forefeel.probe.ports import can_interfaces, serial_ports
 from forefeel.probe.probe import filter_lag_s
 from tests.devices.fake_devices import FakeCell, FakeHandle, FakeStage, SteppedClock

@@ -22,8 +22,8 @@ from scipy.signal import lfilter
 
 from forefeel.common.errors import InputError
 from forefeel.common.recording.recording import Recording
-from forefeel.results.examine import Task, examine
 from forefeel.results.page import NOT_DRAWN
+from forefeel.results.task import Task, examine
 from tests.hidden_effects.bench import Population, draw
 from tests.hidden_effects.bench.stage import Array, Rng, log_uniform
 from tests.unit.diagnosis_samples import put

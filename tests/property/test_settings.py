@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from forefeel.common.config import Settings, checked, dump_yaml
 from forefeel.common.errors import ConfigurationError
-from forefeel.dashboard.vessel import VesselSettings
 from forefeel.master.settings import MasterSettings
 from forefeel.network_settings import ObserverSettings, RouterSettings
+from forefeel.report.vessel import VesselSettings
 from forefeel.slave.settings import SlaveSettings
 
 GRIPPER, LISTEN = {"driver": "simulated"}, {"listen": ["tcp/127.0.0.1:1"]}

@@ -86,7 +86,7 @@ def _stopped(shown: Shown) -> Iterator[str]:
 
 
 def _ended(shown: Shown) -> Iterator[str]:
-    shown.until(lambda: shown.text("chapter") == "The run has ended", "the end of the run")
+    shown.until(lambda: shown.text("scene") == "The run has ended", "the end of the run")
     yield from _unless(shown.text("connection") == "", f"an alarm at the end: {shown.text('connection')}")
     shown.page.reload()
     shown.until(lambda: shown.ask("forefeel.traces.rows.measured?.length > 10"), "the replay")

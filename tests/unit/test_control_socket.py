@@ -15,7 +15,7 @@ from forefeel.common.errors import RunError
 from forefeel.common.messages import SafetyState
 from forefeel.common.state.folder import SOCKET
 from forefeel.control_socket import ControlSocket, SlaveRequests
-from forefeel.local.client import Answer, Request, ask
+from forefeel.estop.client import Answer, Request, ask
 from forefeel.slave.daemon import Clearing
 from tests.stepped import SteppedHost
 from tests.unit.failing import refusing

@@ -14,10 +14,10 @@ from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose
 from forefeel.diagnosis.prediction import Across
 from forefeel.diagnosis.verdict import Cause, Interval, ModelError
-from forefeel.results.answer import answer, equation
 from forefeel.results.curves import Curves, response, share_of, strokes
 from forefeel.results.page import render_page, worst_stretch
 from forefeel.results.pictures import Component, picture, sensor_picture
+from forefeel.results.verdict_text import answer, equation
 from tests.unit.diagnosis_samples import FRICTION_N, made
 from tests.unit.page_checks import check_page
 

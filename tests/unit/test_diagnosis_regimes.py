@@ -10,7 +10,7 @@ from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.extended import extended_model
 from forefeel.diagnosis.ramp_and_hold import held
 from forefeel.diagnosis.verdict import Diagnosis
-from forefeel.results.answer import answer
+from forefeel.results.verdict_text import answer
 
 MASS_KG, DAMPING_N_S_M, STIFFNESS_N_M = 0.4, 3.0, 900.0
 

@@ -11,11 +11,11 @@ import pytest
 
 from forefeel.common.transport.security import Party, PartyFiles
 from forefeel.common.transport.settings import TransportSettings
-from forefeel.doctor import examine as doctor
-from forefeel.doctor.examine import LEVELS, Finding, Level
+from forefeel.configured_devices import ConfiguredDevice
+from forefeel.doctor import checks as doctor
+from forefeel.doctor.checks import LEVELS, Finding, Level
 from forefeel.doctor.host import CellStates, ClockState, Disk, HostProbe, LoopCheck
 from forefeel.master.settings import MasterSettings
-from forefeel.probe.configured import ConfiguredDevice
 from forefeel.probe.probe import Probed
 from forefeel.reachability import Obstacle, Reached
 from forefeel.slave.settings import SlaveSettings

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from forefeel.common.estimation import band as bands
 from forefeel.common.estimation import blend as blends
-from forefeel.common.estimation import experts, validity
+from forefeel.common.estimation import change_detection, experts
 from forefeel.common.estimation.bank import (
     COUNT,
     FIRST_DIFFERENCE,
@@ -190,8 +190,8 @@ class TestBand:
 
 class TestChange:
     def kicks(self, errors: Array) -> list[int]:
-        change = zeros(record(validity.Change))[0]
-        return [n for n, e in enumerate(errors.tolist()) if validity.changed(change, e, 1.0, 0.01)]
+        change = zeros(record(change_detection.Change))[0]
+        return [n for n, e in enumerate(errors.tolist()) if change_detection.changed(change, e, 1.0, 0.01)]
 
     def test_one_change_is_one_kick_within_a_second(self) -> None:
         errors = np.random.default_rng(0).standard_normal(8000) * np.where(np.arange(8000) < 4000, 0.01, 0.5)

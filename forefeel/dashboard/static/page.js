@@ -56,9 +56,9 @@ function take(answer) {
 }
 
 function begin() {
-  const { cell, file, duration_s, chapter } = page.facts;
+  const { cell, file, duration_s, scene } = page.facts;
   tell("connection", "");
-  showChapter(chapter);
+  showScene(scene);
   tell("cell", file ?? cell);
   tell("about", file ? `a recording of cell ${cell}` : "");
   traces.clear();
@@ -269,9 +269,9 @@ function showAxes(axes, axis) {
 }
 
 /** What goes on, and where its results are. */
-function showChapter({ head, pages }) {
-  node("chapter").hidden = !head && !pages.length;
-  tell("chapter", head);
+function showScene({ head, pages }) {
+  node("scene").hidden = !head && !pages.length;
+  tell("scene", head);
   node("pages").replaceChildren(...pages.map((words) => {
     const link = document.createElement("a");
     Object.assign(link, { href: `results/${encodeURIComponent(words)}`, textContent: words, target: "_blank" });

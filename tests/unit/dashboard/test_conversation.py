@@ -15,9 +15,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from forefeel.common.clock import VirtualClock
 from forefeel.common.codec import encode
-from forefeel.dashboard.chapter import Chapter
+from forefeel.dashboard.endpoint import MOST_VIEWERS, Endpoint
+from forefeel.dashboard.scene import Scene
 from forefeel.dashboard.sources import LiveCell
-from forefeel.dashboard.story import MOST_VIEWERS, Story
 from tests.unit.dashboard.said import AXIS, CELL, S, talk
 from tests.unit.dashboard.test_replay import write
 
@@ -70,7 +70,7 @@ class Waiting(Socket):
         return await super().receive_text()
 
 
-def conversed(served: Story, *asks: Act) -> Socket:
+def conversed(served: Endpoint, *asks: Act) -> Socket:
     """The conversation, when it has ended."""
     socket = Socket(*asks)
     before = served.open
@@ -81,16 +81,16 @@ def conversed(served: Story, *asks: Act) -> Socket:
 
 def recorded(path: Path, *asks: dict[str, Any]) -> list[dict[str, Any]]:
     """The facts of a recording, then an answer for each."""
-    first, *answers = conversed(Story(None, Chapter(recording=path)), *map(json.dumps, asks)).told
+    first, *answers = conversed(Endpoint(None, Scene(recording=path)), *map(json.dumps, asks)).told
     return [first["facts"], *answers]
 
 
 @pytest.fixture
-def live() -> tuple[Story, VirtualClock]:
+def live() -> tuple[Endpoint, VirtualClock]:
     """A cell that was heard for half a second."""
     clock = VirtualClock(9 * S)
     cell = LiveCell(CELL, "tcp/10.0.0.2:7447", clock)
-    served = Story(cell, Chapter())
+    served = Endpoint(cell, Scene())
     for topic, message, heard_ns in talk(1, 500):
         cell.hear(topic.key(CELL, AXIS), encode(message), heard_ns)
     clock.set_ns(9 * S + 500_000_000)
@@ -98,7 +98,7 @@ def live() -> tuple[Story, VirtualClock]:
 
 
 def test_who_asks_is_answered_and_the_second_answer_holds_only_what_is_new(
-    live: tuple[Story, VirtualClock],
+    live: tuple[Endpoint, VirtualClock],
 ) -> None:
     began, first, second = conversed(live[0], "{}", "{}").told
     assert (began["facts"]["cell"], began["facts"]["file"]) == (CELL, None)
@@ -107,7 +107,7 @@ def test_who_asks_is_answered_and_the_second_answer_holds_only_what_is_new(
     assert (second["traces"]["felt"], second["cards"], second["anew"]) == ([], {}, False)
 
 
-def test_silence_is_said_with_since_when(live: tuple[Story, VirtualClock]) -> None:
+def test_silence_is_said_with_since_when(live: tuple[Endpoint, VirtualClock]) -> None:
     live[1].set_ns(60 * S)
     _, answer = conversed(live[0], "{}").told
     assert answer["silence"] == {
@@ -122,14 +122,14 @@ def test_silence_is_said_with_since_when(live: tuple[Story, VirtualClock]) -> No
         "[" * 3000, json.dumps({"axis": "x" * 257}),
     ],
 )  # fmt: skip
-def test_what_is_no_question_ends_the_conversation(live: tuple[Story, VirtualClock], asked: str) -> None:
+def test_what_is_no_question_ends_the_conversation(live: tuple[Endpoint, VirtualClock], asked: str) -> None:
     ended = conversed(live[0], asked, "{}")
     assert ended.closed == (1008, "not understood")
     assert len(ended.told) == 1
 
 
 def test_a_page_beyond_the_viewers_takes_the_place_of_the_oldest_that_asked_nothing(
-    live: tuple[Story, VirtualClock],
+    live: tuple[Endpoint, VirtualClock],
 ) -> None:
     async def crowd() -> list[Socket]:
         ended = asyncio.Event()
@@ -159,7 +159,7 @@ def test_each_page_of_a_recording_has_its_own_time(tmp_path: Path) -> None:
 
 def test_damage_in_a_recording_is_said_on_the_page(tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", 3)
-    served = Story(None, Chapter(recording=path))
+    served = Endpoint(None, Scene(recording=path))
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 0xFF
     path.write_bytes(content)
@@ -167,15 +167,15 @@ def test_damage_in_a_recording_is_said_on_the_page(tmp_path: Path) -> None:
     assert "damaged" in answer["silence"]["word"]
 
 
-def test_next_chapter_begins_with_its_facts(live: tuple[Story, VirtualClock], tmp_path: Path) -> None:
+def test_next_scene_begins_with_its_facts(live: tuple[Endpoint, VirtualClock], tmp_path: Path) -> None:
     pages = {"report": tmp_path / "report.html"}
-    ended = Chapter(head="ended", recording=write(tmp_path / "run.mcap", 3), pages=pages)
+    ended = Scene(head="ended", recording=write(tmp_path / "run.mcap", 3), pages=pages)
     at_2_s = '{"at_s": 2.0}'
     _, second, shown, third, last = conversed(
-        live[0], partial(live[0].tell, ended), "{}", at_2_s, partial(live[0].tell, Chapter()), "{}", "{}"
+        live[0], partial(live[0].tell, ended), "{}", at_2_s, partial(live[0].tell, Scene()), "{}", "{}"
     ).told
     facts = second["facts"]
-    assert (facts["file"], facts["chapter"]) == ("run.mcap", {"head": "ended", "pages": ["report"]})
+    assert (facts["file"], facts["scene"]) == ("run.mcap", {"head": "ended", "pages": ["report"]})
     assert shown["traces"]["felt"]
     assert third["facts"]["file"] is None
     assert last["axes"] == []  # nothing of the run before

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from forefeel.dashboard.vessel import RECORDED, of_recording
 from forefeel.loopback.plan import LoopbackOptions, make_plan
+from forefeel.report.vessel import RECORDED, of_recording
 
 
 def test_simulated_vessel_is_recorded() -> None:

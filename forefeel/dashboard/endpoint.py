@@ -1,4 +1,4 @@
-"""WebSocket endpoint of the page. A chapter is a live cell or a recording, with results.
+"""WebSocket endpoint of the page. A scene is a live cell or a recording, with results.
 
 A page asks, is answered, draws and asks again; what nobody asks for is not made.
 """
@@ -13,10 +13,10 @@ from starlette.requests import Request
 from starlette.responses import FileResponse
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from forefeel.dashboard.chapter import Chapter
 from forefeel.dashboard.feed import Answer
+from forefeel.dashboard.scene import Scene
 from forefeel.dashboard.sources import Ask, LiveCell, Recorded
-from forefeel.dashboard.vessel import of_recording
+from forefeel.report.vessel import of_recording
 
 CONVERSATION, RESULTS = "/conversation", "/results/{words}"
 MOST_VIEWERS = 16  # open pages at once
@@ -32,38 +32,38 @@ _HEADERS = {
 }
 
 
-class Story:
-    """Serves the newest chapter to up to `MOST_VIEWERS` pages at once. One thread at a time.
+class Endpoint:
+    """Serves the newest scene to up to `MOST_VIEWERS` pages at once. One thread at a time.
 
     A page beyond these takes the place of the oldest that has asked nothing; without one it is refused.
     """
 
-    def __init__(self, live: LiveCell | None, chapter: Chapter) -> None:
+    def __init__(self, live: LiveCell | None, scene: Scene) -> None:
         self._live = live
         self._viewers: dict[WebSocket, bool] = {}  # by age; whether it has asked
-        self.tell(chapter)
+        self.tell(scene)
 
-    def tell(self, chapter: Chapter) -> None:
-        """Serves that chapter from now on. Raises InputError where its recording can not be read."""
+    def tell(self, scene: Scene) -> None:
+        """Serves that scene from now on. Raises InputError where its recording can not be read."""
         self._source: LiveCell | Recorded
-        self._vessel = chapter.vessel
-        if chapter.recording is not None:
-            self._source = Recorded(chapter.recording)
-            self._vessel = chapter.vessel or of_recording(self._source.metadata)
+        self._vessel = scene.vessel
+        if scene.recording is not None:
+            self._source = Recorded(scene.recording)
+            self._vessel = scene.vessel or of_recording(self._source.metadata)
         else:
             assert self._live is not None
             self._live.begin()
             self._source = self._live
-        self.chapter = chapter
+        self.scene = scene
 
     def facts(self) -> dict[str, Any]:
-        """Constants of the chapter, which a page gets first: cell, recording, title, links, vessel."""
-        chapter = {"head": self.chapter.head, "pages": list(self.chapter.pages)}
+        """Constants of the scene, which a page gets first: cell, recording, title, links, vessel."""
+        scene = {"head": self.scene.head, "pages": list(self.scene.pages)}
         vessel = None if self._vessel is None else self._vessel.model_dump(mode="json")
-        return self._source.facts() | {"chapter": chapter, "vessel": vessel}
+        return self._source.facts() | {"scene": scene, "vessel": vessel}
 
     async def result(self, asked: Request) -> FileResponse:
-        path: Path | None = self.chapter.pages.get(asked.path_params["words"])
+        path: Path | None = self.scene.pages.get(asked.path_params["words"])
         if path is None:
             raise HTTPException(404)
         return FileResponse(path, headers=_HEADERS, content_disposition_type="inline")
@@ -92,8 +92,8 @@ class Story:
             self._viewers.pop(socket, None)
 
     async def _answer(self, socket: WebSocket) -> None:
-        """Sends the facts of the chapter, then answers each request; the facts again after a new chapter."""
-        chapter, viewer = self.chapter, self._source.viewer()
+        """Sends the facts of the scene, then answers each request; the facts again after a new scene."""
+        scene, viewer = self.scene, self._source.viewer()
         answer: Answer = {"facts": self.facts()}
         while True:
             await socket.send_text(json.dumps(answer, allow_nan=False, separators=(",", ":")))
@@ -108,8 +108,8 @@ class Story:
             except ValueError:
                 await socket.close(_REFUSED, "not understood")
                 return
-            if chapter is self.chapter:  # in a thread: while a recording is read, other pages go on
+            if scene is self.scene:  # in a thread: while a recording is read, other pages go on
                 answer = await asyncio.to_thread(viewer, ask)
             else:
-                chapter, viewer = self.chapter, self._source.viewer()
+                scene, viewer = self.scene, self._source.viewer()
                 answer = {"facts": self.facts()}

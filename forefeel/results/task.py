@@ -1,27 +1,36 @@
 """One recording from the file to the texts of its results; nothing is written."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from threadpoolctl import threadpool_limits
 
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.errors import ConfigurationError, ForefeelError, InputError, RecordingError, RunError
-from forefeel.common.events.text import units_of
+from forefeel.common.errors import (
+    ConfigurationError,
+    ForefeelError,
+    InputError,
+    RecordingError,
+    RunError,
+    UnclearError,
+)
+from forefeel.common.events.text import shown_unit, units_of
 from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Recording
 from forefeel.common.recording.units import Mapping as ColumnMapping
-from forefeel.common.recording.units import Quantity
+from forefeel.common.recording.units import Quantity, parse_column, rescaled
 from forefeel.common.yaml_file import dump_mapping
-from forefeel.diagnosis.diagnose import Diagnosed
+from forefeel.diagnosis.analysis import Progress
+from forefeel.diagnosis.diagnose import Diagnosed, diagnose
+from forefeel.diagnosis.extended import extended_model
+from forefeel.diagnosis.plausibility import Question, question
 from forefeel.diagnosis.verdict import Diagnosis
-from forefeel.library import diagnosed
-from forefeel.results.answer import answer, failure
+from forefeel.results.verdict_text import answer, failure
 
 if TYPE_CHECKING:
     from forefeel.diagnosis.prediction import Across
@@ -73,6 +82,49 @@ class TaskOutcome:
     failed: str | None = None
 
 
+class Answered(NamedTuple):
+    """A diagnosis, the simulation extended by the causes where any are named, and the answer in words."""
+
+    details: Diagnosed
+    model: ContactModel
+    lines: tuple[str, ...]
+
+
+def answered(
+    recordings: Sequence[Recording],
+    progress: Progress = lambda _stage: None,
+    given: ContactModel | None = None,
+    as_is: bool = False,
+) -> Answered:
+    """Diagnoses recordings of one bench as `library.diagnose` does; `progress` gets each stage.
+
+    Raises RecordingError where one can not be diagnosed, or its units are not plausible.
+    """
+    with units_of(*[source.columns for source in recordings]):
+        for recording in recordings:
+            if not as_is and (asked := question(recording)) is not None:
+                raise _doubt(recording, asked)
+        details = diagnose(recordings[0], progress, given, recordings[1:])
+        lines = answer(details.recording, details.diagnosis, None, None if given is None else given.name)
+    named = details.diagnosis.verdict == "cause_found"
+    title = f"{details.recording.name}, extended by its diagnosis"
+    if not named:  # a model of a recording whose cause is not named is no finding
+        title = f"{details.recording.name}, {details.diagnosis.verdict}: mass, damper, spring and bias"
+    model = extended_model(details.analysis if named else details.analysis.baseline(), title)
+    return Answered(details, model, tuple(lines))
+
+
+def _doubt(recording: Recording, asked: Question) -> RecordingError:
+    """Error that asks about a doubtful quantity, with the unit in which it would be usual if there is one."""
+    text = recording.columns.get(asked.quantity)
+    column, unit = parse_column(asked.quantity, text) if text else (asked.quantity, "")
+    other = rescaled(asked.quantity, unit, asked.factor) if text else None
+    doubt = f"{recording.source}: {column} {asked.text} (--as-is if that is true)"
+    if other is None:
+        return RecordingError(f"{doubt}; expected s, {shown_unit('m')} and {shown_unit('N')}")
+    return UnclearError(f"{doubt}, in {other} it would be usual", {asked.quantity: f"{other}:{column}"})
+
+
 def examine(task: Task, tell: Tell = lambda stage: None) -> tuple[Result, Callable[[], str]]:
     """Reads, diagnoses and predicts; returns the result without its page, and a function that draws that.
 
@@ -111,15 +163,15 @@ def _examine(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
     """Does the work of `examine`, and raises errors as they are."""
     tell("reading")
     recordings = [load_recording(f, task.columns, task.axis, force=True) for f in (task.file, *task.beside)]
-    judged = diagnosed(recordings, tell, task.given, task.as_is)
-    recording, diagnosis = judged.recording, judged.details.diagnosis
+    judged = answered(recordings, tell, task.given, task.as_is)
+    recording, diagnosis = judged.details.recording, judged.details.diagnosis
     if not isfinite(diagnosis.baseline.rmse_n):
         raise ConfigurationError(
             f"--model: the force of {task.given.name if task.given else 'the simulation'!r} along "
             f"{task.file} is not finite; expected a model in SI units"
         )
     named = diagnosis.verdict == "cause_found"
-    model = judged.model.contact
+    model = judged.model
     across = None
     if named and task.replay:  # without a cause there is no other model to predict with
         tell("prediction")

@@ -22,9 +22,9 @@ from forefeel.common.topics import (
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.detector import COMPARED_S, Signs
 from forefeel.dashboard.event_log import EventList, Level
-from forefeel.dashboard.lights import lights, safety_word
+from forefeel.dashboard.indicators import lights, safety_word
 from forefeel.dashboard.trace import SPAN_S
-from forefeel.dashboard.vessel import friction
+from forefeel.report.vessel import friction
 from forefeel.report.wording import micros, named, number, scale, share
 
 Card = dict[str, Any]

@@ -16,7 +16,7 @@ from forefeel.common.errors import ConfigurationError, RunError, check_config_al
 from forefeel.common.events.console import printable
 from forefeel.common.state.folder import unnamed_path
 from forefeel.common.yaml_file import load_yaml
-from forefeel.local.client import LONGEST_TEXT, Request, ask
+from forefeel.estop.client import LONGEST_TEXT, Request, ask
 from forefeel.terminal import say, suggest
 
 EXAMPLES = (
@@ -97,17 +97,17 @@ def estop(  # noqa: PLR0913 - one parameter per option
             why = f"{error}; over the network, then"
     elif not (cell and connect):
         raise ConfigurationError("expected --config, or --cell and --connect")
-    from forefeel.local import stop  # noqa: PLC0415 - pydantic and Zenoh, which a stop here does not need
+    from forefeel.estop import network  # noqa: PLC0415 - pydantic and Zenoh, which a stop here does not need
 
     if config is not None:
-        sender = stop.sender_of(Path(config), insecure)
+        sender = network.sender_of(Path(config), insecure)
     else:
-        sender = stop.viewer(cell, connect or (), pki, through_router, insecure)
+        sender = network.viewer(cell, connect or (), pki, through_router, insecure)
     if why:
         say(why)
-    states = stop.stop_over_network(sender, tuple(axis or sender.axes), reason)
+    states = network.stop_over_network(sender, tuple(axis or sender.axes), reason)
     where = ", ".join(sender.transport.connect)
-    _confirm(states, stop.all_stopped(states), f"cell {sender.cell} at {where}")
+    _confirm(states, network.all_stopped(states), f"cell {sender.cell} at {where}")
 
 
 def state_folder(config: Path) -> Path | None:

@@ -7,11 +7,11 @@ import pytest
 from forefeel.common.events.text import long_round_trip
 from forefeel.common.messages import SafetyState
 from forefeel.common.topics import MASTER_STATE, MASTER_TIMING, SLAVE_STATE, SLAVE_TIMING
-from forefeel.dashboard import cards
+from forefeel.dashboard import panels
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.detector import Alarm
 from forefeel.dashboard.event_log import Level
-from forefeel.dashboard.lights import lights
+from forefeel.dashboard.indicators import lights
 from tests.unit.dashboard.said import HOSTILE, S, heard, master_state, parameters, slave_state, timing
 
 
@@ -76,7 +76,7 @@ def test_what_an_axis_does_without_is_shown_before_it_is_armed() -> None:
     assert without[0] in told({"state": "ready", "caveats": without}, {})["safety"][2]
     view, now_ns = heard(0.1)
     view.newest.slave = slave_state(caveats=without)
-    assert without[0] in cards.counted(view, now_ns)
+    assert without[0] in panels.counted(view, now_ns)
 
 
 def test_counters_by_what_they_mean() -> None:
@@ -85,73 +85,73 @@ def test_counters_by_what_they_mean() -> None:
     view.newest.slave = slave_state(counters=slave)
     view.newest.master = master_state(counters={"forces_reordered": 2, "forces_dropped": 4})
     said = "7 late · 5 reordered · 4 lost · 7 refused"
-    assert cards.counted(view, now_ns, {"malformed": 5}) == said
-    assert cards.counted(view, now_ns + S).endswith("· slave not heard now · master not heard now")
+    assert panels.counted(view, now_ns, {"malformed": 5}) == said
+    assert panels.counted(view, now_ns + S).endswith("· slave not heard now · master not heard now")
 
 
 def test_figures_are_those_of_the_messages() -> None:
     view, now_ns = heard(3.0)
     assert view.newest.haptics is not None
-    found = cards.numbers(view, now_ns)
+    found = panels.numbers(view, now_ns)
     assert found["felt"] == f"{view.newest.haptics.rendered_n:.3f}"
     assert found["predicted"] == f"{view.newest.haptics.predicted_n:.3f}"
     assert found["measured"] == f"{view.newest.haptics.zoh_n:.3f}"
     assert found["delay"] == "300"
     assert found["leading"] == "friction, recent"
-    assert set(cards.numbers(view, now_ns + S).values()) <= {"–", "", False, "nobody yet"}
+    assert set(panels.numbers(view, now_ns + S).values()) <= {"–", "", False, "nobody yet"}
 
 
 def test_the_delay_is_that_of_the_last_minute() -> None:
     view, now_ns = heard(2.0)
-    found = cards.delay(view, now_ns)
+    found = panels.delay(view, now_ns)
     assert "300" in found["words"]
     assert sum(found["counts"]) == len(view.delays.rows())
     assert len(found["edges_ms"]) == len(found["counts"]) + 1
-    assert cards.delay(view, now_ns + 61 * S)["counts"] == []
+    assert panels.delay(view, now_ns + 61 * S)["counts"] == []
 
 
 def test_what_is_known_of_the_model() -> None:
     view, now_ns = heard(1.0)
-    found = cards.model(view, now_ns)
+    found = panels.model(view, now_ns)
     assert found["parameters"][0] == {
         "name": "stiffness", "value": "12", "deviation": "0.3", "unit": "N/m", "known": "well",
     }  # fmt: skip
     assert found["parameters"][1]["known"] == "not yet"
     assert found["friction"] == {"valve_mn": pytest.approx(80.0)}
     view.newest.model = parameters(valid=False, identifiable=(HOSTILE,))
-    assert cards.model(view, now_ns)["statements"][1:] == [HOSTILE]
+    assert panels.model(view, now_ns)["statements"][1:] == [HOSTILE]
 
 
 def test_energy_below_zero_is_said() -> None:
     view, now_ns = heard(0.1)
-    assert cards.energy(view, now_ns)["level"] == "good"
-    assert cards.energy(view, now_ns + S)["words"] == "no hand heard"
+    assert panels.energy(view, now_ns)["level"] == "good"
+    assert panels.energy(view, now_ns + S)["words"] == "no hand heard"
     assert view.newest.haptics is not None
     view.newest.haptics = view.newest.haptics.model_copy(update={"energy_j": -0.002})
-    assert cards.energy(view, now_ns) | {"words": ""} == {"level": "warn", "value": "-2 mJ", "words": ""}
+    assert panels.energy(view, now_ns) | {"words": ""} == {"level": "warn", "value": "-2 mJ", "words": ""}
 
 
 def test_a_loop_that_misses_ticks_is_said() -> None:
     view, now_ns = heard(0.1)
     view.newest.heard_ns |= {MASTER_TIMING.name: now_ns, SLAVE_TIMING.name: now_ns}
     view.newest.timings = {"master": timing(), "slave": timing(missed=9_000)}
-    assert [loop["word"] for loop in cards.loops(view, now_ns)] == ["on time", "misses"]
-    assert {loop["word"] for loop in cards.loops(view, now_ns + 4 * S)} == {"not heard"}
+    assert [loop["word"] for loop in panels.loops(view, now_ns)] == ["on time", "misses"]
+    assert {loop["word"] for loop in panels.loops(view, now_ns + 4 * S)} == {"not heard"}
 
 
 def test_gain_is_error_in_place_of_late_error() -> None:
     view, now_ns = heard(3.0)
-    assert cards.gain(view, now_ns)["head"] == "300 ms ahead: error 0.0 mN in place of 132"
+    assert panels.gain(view, now_ns)["head"] == "300 ms ahead: error 0.0 mN in place of 132"
     for unjudged, at_ns in ((view, now_ns + 30 * S), heard(0.5)):
-        assert cards.gain(unjudged, at_ns)["head"] == "not judged yet"
+        assert panels.gain(unjudged, at_ns)["head"] == "not judged yet"
 
 
 def test_watch_says_since_when_the_model_is_wrong() -> None:
     view, now_ns = heard(3.0)
-    assert cards.watch(view, now_ns)["level"] == "good"
-    assert cards.watch(view, now_ns + 3 * S)["word"] == "nothing to judge by"
+    assert panels.watch(view, now_ns)["level"] == "good"
+    assert panels.watch(view, now_ns + 3 * S)["word"] == "nothing to judge by"
     view.watch.alarm = Alarm(view.timeline.now_s(now_ns) - 5.0, 3.2, 0.4)
-    card = cards.watch(view, now_ns)
+    card = panels.watch(view, now_ns)
     assert (card["word"], card["level"]) == ("the model is wrong", "warn")
     assert card["since_s"] == pytest.approx(now_ns * 1e-9 - 5.0, abs=0.06)
     assert card["signs"].startswith("errors of the model at worst 3.2 × the usual · 40 % of the forces")

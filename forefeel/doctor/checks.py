@@ -17,9 +17,9 @@ from forefeel.common.transport.exposure import check_exposure
 from forefeel.common.transport.pki import read_certificate, read_identity, renewal
 from forefeel.common.transport.security import Party, PartyRole
 from forefeel.common.transport.settings import TransportSettings
+from forefeel.configured_devices import ConfiguredDevice, configured
 from forefeel.daemon_settings import load_daemon
 from forefeel.doctor.host import CellStates, ClockState, HostProbe, LoopCheck
-from forefeel.probe.configured import ConfiguredDevice, configured
 from forefeel.probe.probe import Probed
 from forefeel.reachability import Reached
 from forefeel.slave.settings import SlaveSettings

@@ -4,10 +4,10 @@ from pathlib import Path
 
 from pydantic import BaseModel, ConfigDict
 
-from forefeel.dashboard.vessel import VesselSettings
+from forefeel.report.vessel import VesselSettings
 
 
-class Chapter(BaseModel):
+class Scene(BaseModel):
     """Stage of a command: a run that goes on, or the results so far.
 
     Attributes:
