@@ -31,7 +31,7 @@ _SLOW_CORNER_HZ = 0.3  # Hz, of noise that is coloured above the motion: slower 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """`base`: the simulation that causes are missed in: mass, damper, spring and the load cell's zero."""
+    """Result of a search. `base`: fit of mass, damper, spring and the cell's zero; `fit`: with causes."""
 
     cleaned: Cleaned
     regression: RecordingRegression
@@ -43,15 +43,15 @@ class Analysis:
 
     @property
     def faults(self) -> tuple[Cause, ...]:
-        """Of the sensor, but for the impacts at the end of a play and steps that are finer than the noise."""
-        kept = []
+        """Faults of the sensor, without impacts at the end of a play and steps finer than the noise."""
+        retained = []
         for fault in self.cleaned.faults:
             if fault.name == SensorSpikes.name and _are_impacts(self):
                 continue
             if fault.name == SensorQuantisation.name and fault.explained_n < 0.4 * self.residual_rms_n:
                 continue
-            kept.append(fault)
-        return tuple(kept)
+            retained.append(fault)
+        return tuple(retained)
 
     @property
     def residual_rms_n(self) -> float:
@@ -59,8 +59,8 @@ class Analysis:
 
     @cached_property
     def narrower(self) -> tuple[RecordingRegression, ModelFit] | None:
-        """The same model fitted below a lower cutoff: how much of the answer rests on that choice. None
-        without a cause, or where nothing is left of the band.
+        """Regression and fit of the same model below 0.7 of the cutoff, shapes refined: how much rests
+        on the cutoff. None without a cause, or where too few samples are left.
         """
         if not self.fit.model:
             return None
@@ -69,17 +69,17 @@ class Analysis:
             signals = Signals(self.recording, self.cleaned.force_n, cutoff, self.cleaned.clipped)
         except RecordingError:
             return None
-        other = RecordingRegression(signals, self.regression.extent.speed_band, seen=self.regression.look)
+        band, look = self.regression.extent.speed_band, self.regression.look
+        other = RecordingRegression(signals, band, look_result=look)
         residual = other.residual(other.fit(self.fit.model))
         other.whiten_by(noise_of(residual, signals, self.floor))
         return other, Search(other).refined(other.fit(self.fit.model), most=_TRIALS)
 
     def without(self, name: str) -> "Analysis":
-        """The same searched on without one cause, in none of its forms; of two elements first with one.
+        """Continues the search without one cause in all its forms; in place of two elements tries one first.
 
-        A cause that comes in its place has to explain the recording as well as it did, with as many
-        parameters as it needs. One that does not is the next best description of something that has no name
-        here, and is left out, too.
+        A cause that takes its place must fit as well as it did, parameters not counted. One that does not
+        describes something that has no name here, and is left out, too.
         """
         rest: Model = {other: shape for other, shape in self.fit.model.items() if other != name}
         refused = {name} if name.endswith(":two") else {base_name(name)}
@@ -91,8 +91,8 @@ class Analysis:
         rest = rest if one is None else one.model
         known = {base_name(other) for other in rest} | {"bias"}
         while True:
-            kept = [other for other in self.search.names if not {other, base_name(other)} & refused]
-            search = Search(self.regression, kept, self.search.noise_n)
+            allowed = [other for other in self.search.names if not {other, base_name(other)} & refused]
+            search = Search(self.regression, allowed, self.search.noise_n)
             fit = search.run(rest)
             new = {base_name(other) for other in fit.model} - known
             if not new or fit.score - fit.penalty < self.fit.score - self.fit.penalty + ADD:
@@ -101,30 +101,30 @@ class Analysis:
         return replace(self, search=search, fit=fit)
 
     def baseline(self) -> "Analysis":
-        """The same with the simulation alone."""
+        """Copy with the simulation as the fit and without the sensor's faults."""
         return replace(self, fit=self.base, cleaned=replace(self.cleaned, faults=[]))
 
     def noise_floor_n(self) -> float | None:
-        """rms of the noise in the band, never more than is left; None where the recording does not tell."""
+        """rms of the noise in the band, at most the residual's; None where the recording does not show it."""
         if self.floor is None:
             return None
         return min(_in_band_n(self.floor, self.regression.signals), self.residual_rms_n)
 
     def flags(self) -> tuple[str, ...]:
-        """What limits the trust, as words with underscores."""
-        recording, found = self.recording, []
+        """Names of what limits the trust in the result, such as `gaps` or `short`."""
+        recording, flags = self.recording, []
         period = np.diff(recording.time_s)
         if float(np.quantile(period, 0.95)) > 1.05 * float(np.median(period)):
-            found.append("non_uniform")
+            flags.append("non_uniform")
         if len(recording.segments()) > 1:
-            found.append("gaps")
+            flags.append("gaps")
         if self.cleaned.clipped.any():
-            found.append("clipped")
+            flags.append("clipped")
         if recording.duration_s < 10.0:
-            found.append("short")
+            flags.append("short")
         if self.regression.sense < 0.0:
-            found.append("force_is_the_reaction")
-        return tuple(found)
+            flags.append("force_is_the_reaction")
+        return tuple(flags)
 
 
 def analyse(
@@ -133,11 +133,11 @@ def analyse(
     names: Sequence[str] | None = None,
     parts_s: tuple[float, ...] = (),
 ) -> Analysis:
-    """Faults, band, search; the noise is learned from what the last search left, and the search repeated.
+    """Cleans the force and searches the causes; learns the noise from the residual and searches again.
 
     Args:
         recording: with force.
-        progress: is told the stage before it starts.
+        progress: called with each stage before it starts.
         names: the causes that are searched; by default all.
         parts_s: see `RecordingRegression`.
 
@@ -167,7 +167,7 @@ def analyse(
 def fitted_elsewhere(
     recording: Recording, cleaned: Cleaned, sense: float, *models: tuple[Model, Sequence[float]]
 ) -> Analysis:
-    """Two models, simulation and extended, as the page and model.yaml show those of a search.
+    """Makes the analysis of two models that were fitted elsewhere: simulation and extended.
 
     Args:
         models: each with its coefficients: mass, damping, stiffness, and those of its causes in turn, as in
@@ -187,7 +187,7 @@ def fitted_elsewhere(
 def conditioned(
     recording: Recording, cleaned: Cleaned, parts_s: tuple[float, ...] = ()
 ) -> RecordingRegression:
-    """The recording below its cutoff, ready to be fitted.
+    """Makes the regression of a recording, filtered below its own cutoff.
 
     Raises:
         RecordingError: too few samples in a row.
@@ -212,14 +212,14 @@ def _in_band_n(floor: NoiseFloor, signals: Signals) -> float:
 
 
 def noise_of(residual: Floats, signals: Signals, floor: NoiseFloor | None) -> Noise:
-    """The colour of a residual on the coarse grid, as slow as the noise above the motion lets it be."""
+    """Autoregression of a residual on the coarse grid; slower than 3 Hz only where the floor is coloured."""
     corner_hz = LEAST_CORNER_HZ if floor is None or floor.slope == 0.0 else _SLOW_CORNER_HZ
     pieces = signals.piecewise(fine=False)
     return autoregression(residual, signals.rows, pieces, signals.coarse_rate_hz, corner_hz)
 
 
 def _are_impacts(analysis: Analysis) -> bool:
-    """Whether most of the spikes are where a play of the model ends."""
+    """True if most of the spikes are within 60 ms of the end of a play in the model."""
     regression, spiked = analysis.regression, analysis.cleaned.spikes
     moved, stage = regression.motion(analysis.fit.model), regression.motion({})
     if moved is stage or not spiked.any():
@@ -228,5 +228,5 @@ def _are_impacts(analysis: Analysis) -> bool:
     crossing = away_m > _STILL * np.abs(np.diff(stage.x, prepend=stage.x[0])) + 1e-12
     landed_s = moved.t[np.flatnonzero(crossing[:-1] & ~crossing[1:]) + 1] + regression.signals.origin_s
     at_s = analysis.recording.time_s[spiked]
-    near = [bool(np.any(np.abs(landed_s - each) < _IMPACT_S)) for each in at_s]
+    near = [bool(np.any(np.abs(landed_s - spike_s) < _IMPACT_S)) for spike_s in at_s]
     return float(np.mean(near)) > _MOST_SPIKES

@@ -42,11 +42,11 @@ def diagnose(
     given: ContactModel | None = None,
     beside: Sequence[Recording] = (),
 ) -> Diagnosed:
-    """What the mass-damper-spring simulation of a recording gets wrong.
+    """Diagnoses a recording: names the causes that a mass-damper-spring simulation of it misses.
 
     Args:
         recording: position and force.
-        progress: is told the stage before it starts.
+        progress: called with each stage before it starts.
         given: the simulation to compare with, in place of a fitted mass, damper and spring.
         beside: further recordings of the same bench, for one model of all; whole recordings are held out.
 
@@ -54,61 +54,66 @@ def diagnose(
         RecordingError: no force, too short, no motion, a force that never changes, too few samples in a row;
             recordings of different rates.
     """
-    every = [recording, *beside]
-    for each in every:
-        check(each)
+    recordings = [recording, *beside]
+    for one in recordings:
+        check(one)
     refresh()
     with threadpool_limits(1):  # thousands of small products: threads only wait for each other
-        return _diagnosed(every, progress, given)
+        return _diagnosed(recordings, progress, given)
 
 
-def _diagnosed(every: list[Recording], progress: Progress, given: ContactModel | None) -> Diagnosed:
-    recording, parts_s = _joined(every)
+def _diagnosed(recordings: list[Recording], progress: Progress, given: ContactModel | None) -> Diagnosed:
+    """Diagnoses a step response or a ramp and hold by its own method, all others by the search."""
+    recording, parts_s = _joined(recordings)
     simple = None if parts_s else diagnosed_step(recording) or diagnosed_hold(recording)
     long = simple is None and is_long(recording)
     if simple is None:
-        names = _unclocked() if parts_s else None
+        # recordings share no clock: what has an instant or a phase of its own is not searched in several
+        names = [name for name in CANDIDATES if not cause_class(name).clocked] if parts_s else None
         analysis = (analyse_long if long else analyse)(recording, progress, names, parts_s)
         simple = _weighed(analysis, progress)
-    found, analysis = simple
-    gaps = any(len(each.segments()) > 1 for each in every)
-    flags = _flags(found.flags, gaps, long)
+    diagnosis, analysis = simple
+    gaps = any(len(one.segments()) > 1 for one in recordings)
+    flags = _flags(diagnosis.flags, gaps, long)
     if SLOW not in flags and feeds_the_motion(
         analysis.recording, analysis.cleaned.force_n, analysis.regression, analysis.fit
     ):
         flags = (*flags, FEEDS_THE_MOTION)
-    found = replace(found, flags=flags)
-    return Diagnosed(found if given is None else _beside(found, analysis, given), analysis, recording)
+    diagnosis = replace(diagnosis, flags=flags)
+    if given is not None:
+        diagnosis = _with_baseline(diagnosis, analysis, given)
+    return Diagnosed(diagnosis, analysis, recording)
 
 
 def _weighed(analysis: Analysis, progress: Progress) -> tuple[Diagnosis, Analysis]:
-    if _says_nothing(analysis):
+    """Judges an analysis, adds look and expected gain; raises RecordingError for mere noise."""
+    if _force_is_noise(analysis):
         raise RecordingError(
             f"{analysis.recording.source}: the force is flat but for noise, expected an answer to the motion"
         )
     progress("trust")
-    found, analysis = judged(analysis)
-    seen = replace(found, look=analysis.regression.look)
-    return with_expectation(seen, analysis), analysis
+    diagnosis, analysis = judged(analysis)
+    return with_expectation(replace(diagnosis, look=analysis.regression.look), analysis), analysis
 
 
 def _flags(flags: Sequence[str], gaps: bool, long: bool) -> tuple[str, ...]:
-    """Those of the recording: stretches of a long one, and several as one, have gaps that it lacks."""
+    """Flags of the recording itself: its stretches, or several recordings as one, have gaps that it lacks."""
     other = [flag for flag in flags if flag != "gaps" and not (long and flag == "short")]
     return (*other, *(["gaps"] if gaps else []), *([FLAG] if long else []))
 
 
-def _beside(found: Diagnosis, analysis: Analysis, given: ContactModel) -> Diagnosis:
+def _with_baseline(diagnosis: Diagnosis, analysis: Analysis, given: ContactModel) -> Diagnosis:
+    """Replaces the fitted simulation as the baseline by the given one."""
     regression = analysis.regression
     force, rows = regression.signals.force, regression.signals.rows
-    rms_n = float(np.sqrt(np.mean((force - regression.given(given))[rows] ** 2)))
+    rms_n = float(np.sqrt(np.mean((force - regression.force_of(given))[rows] ** 2)))
     force_n = float(np.std(force[rows]))
     parameters = {f"{e.effect}.{key}": value for e in given.effects for key, value in e.parameters}
-    return replace(found, baseline=ModelError(rms_n, parameters, 100.0 * (1.0 - rms_n / force_n)))
+    return replace(diagnosis, baseline=ModelError(rms_n, parameters, 100.0 * (1.0 - rms_n / force_n)))
 
 
 def check(recording: Recording) -> None:
-    """Refuses what no diagnosis can be made of.
+    """Refuses a recording that can not be diagnosed.
 
     Raises:
         RecordingError: see `diagnose`.
@@ -127,14 +132,14 @@ def check(recording: Recording) -> None:
 
 
 def _is_noise(values: Floats) -> bool:
-    """Whether no value has to do with one of the five before it."""
+    """True if no value correlates with any of the five before it by 0.3 or more."""
     v = values - np.mean(values)
-    own = float(v @ v)
-    return all(abs(float(v[k:] @ v[:-k])) < _LIKE_NOISE * own for k in range(1, 6))
+    power = float(v @ v)
+    return all(abs(float(v[k:] @ v[:-k])) < _LIKE_NOISE * power for k in range(1, 6))
 
 
-def _says_nothing(analysis: Analysis) -> bool:
-    """Whether the motion tells nothing of the force, nor the force of itself."""
+def _force_is_noise(analysis: Analysis) -> bool:
+    """True if no cause or fault is named and neither the motion nor the force's own past predicts it."""
     regression = analysis.regression
     rows = regression.signals.rows
     residual = regression.residual(analysis.base)
@@ -148,10 +153,9 @@ _ALIKE = 1.1  # ratio of rates that one band and one grid do for
 
 
 def _joined(recordings: Sequence[Recording]) -> tuple[Recording, tuple[float, ...]]:
-    """The recordings as one, and when each but the first begins, in s since the start; one stays as it is.
+    """Joins recordings, 10 s apart; also the middle of each gap in s since the start. One stays as it is.
 
-    Each lies behind the last one, with a gap between them. Nothing is carried across a gap: frictions, plays
-    and relaxations begin anew.
+    Nothing is carried across a gap: frictions, plays and relaxations begin anew.
 
     Raises:
         RecordingError: rates that differ by more than a tenth.
@@ -160,28 +164,21 @@ def _joined(recordings: Sequence[Recording]) -> tuple[Recording, tuple[float, ..
     if not more:
         return first, ()
     stamps, parts_s, now_s = [], [], 0.0
-    for each in recordings:
-        if not 1.0 / _ALIKE < each.rate_hz / first.rate_hz < _ALIKE:
+    for recording in recordings:
+        if not 1.0 / _ALIKE < recording.rate_hz / first.rate_hz < _ALIKE:
             raise RecordingError(
-                f"{each.source}: {each.rate_hz:.4g} Hz beside {first.rate_hz:.4g} Hz of {first.source}; "
-                f"expected recordings of one rate"
+                f"{recording.source}: {recording.rate_hz:.4g} Hz beside {first.rate_hz:.4g} Hz of "
+                f"{first.source}; expected recordings of one rate"
             )
-        stamps.append(each.time_s - each.time_s[0] + now_s)
+        stamps.append(recording.time_s - recording.time_s[0] + now_s)
         parts_s.append(now_s - 0.5 * _APART_S)
         now_s = float(stamps[-1][-1]) + _APART_S
-    force_n = [each.force_n for each in recordings if each.force_n is not None]
+    force_n = [r.force_n for r in recordings if r.force_n is not None]
     whole = Recording(
-        ", ".join(each.name for each in recordings),
+        ", ".join(r.name for r in recordings),
         np.concatenate(stamps),
-        np.concatenate([each.position_m for each in recordings]),
+        np.concatenate([r.position_m for r in recordings]),
         np.concatenate(force_n),
-        ", ".join(each.source for each in recordings),
+        ", ".join(r.source for r in recordings),
     )
     return whole, tuple(parts_s[1:])
-
-
-def _unclocked() -> list[str]:
-    """The causes that are the same in every recording of a bench; recordings share no clock, so what has an
-    instant or a phase of its own is not searched.
-    """
-    return [name for name in CANDIDATES if not cause_class(name).clocked]

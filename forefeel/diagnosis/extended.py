@@ -11,28 +11,31 @@ from forefeel.common.causes.registry import OWN
 from forefeel.common.causes.wall import MassDamperSpring
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.regression import ModelFit, mass_site
-from forefeel.diagnosis.verdict import Cause
 
 FIXTURE = "unmodelled_resonance:fixture"
 
 
 def extended_model(analysis: Analysis, name: str) -> ContactModel:
-    """Mass, damper, spring and every cause that the search named, sensor's faults last."""
+    """Makes the model of mass, damper, spring and every cause that the search named, sensor's faults last."""
     regression, fit = analysis.regression, analysis.fit
     if FIXTURE in fit.model:  # with m, b and k the hanging mass spans a weak fixture, too
         fit = regression.fit(
             {("unmodelled_resonance:free" if n == FIXTURE else n): s for n, s in fit.model.items()}
         )
     base = fit.coefficients[:3] * regression.sense
-    found = _base(fit, *map(float, base))
+    effects = _base(fit, *map(float, base))
     for form, shape in fit.model.items():
-        own = fit.of(form) * regression.sense
-        found += CANDIDATES[form].entries(Fitted(own, shape, base, regression.signals.origin_s))
-    found += [_sensor(fault) for fault in analysis.faults]
-    return ContactModel.from_mapping({"schema": SCHEMA, "name": name, "effects": found})
+        coefficients = fit.of(form) * regression.sense
+        effects += CANDIDATES[form].entries(Fitted(coefficients, shape, base, regression.signals.origin_s))
+    effects += [
+        entry(OWN[fault.name], {key: interval.value for key, interval in fault.parameters.items()})
+        for fault in analysis.faults
+    ]
+    return ContactModel.from_mapping({"schema": SCHEMA, "name": name, "effects": effects})
 
 
 def _base(fit: ModelFit, mass: float, damping: float, stiffness: float) -> list[Entry]:
+    """Effects of mass, damper and spring; no damper where a cause replaces it, the mass where it sits."""
     if any(cause_class(name).instead_of == "damping_n_s_m" for name in fit.model):
         damping = 0.0
     site = mass_site(fit.model)
@@ -44,7 +47,3 @@ def _base(fit: ModelFit, mass: float, damping: float, stiffness: float) -> list[
 
 def _mass_damper_spring(mass: float, damping: float, stiffness: float) -> Entry:
     return entry(MassDamperSpring, {"mass_kg": mass, "damping_n_s_m": damping, "stiffness_n_m": stiffness})
-
-
-def _sensor(fault: Cause) -> Entry:
-    return entry(OWN[fault.name], {key: each.value for key, each in fault.parameters.items()})

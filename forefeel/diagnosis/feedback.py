@@ -1,4 +1,4 @@
-"""Whether the force feeds the motion, as a controller does and no contact.
+"""Test for a force that drives the motion, as a controller does and no contact.
 
 The regression takes the motion as given. Where a controller turns what it measures into a force, the residual
 acts back on the motion and the parameters lean (Soderstrom and Stoica, System Identification, 1989, chapter
@@ -41,7 +41,7 @@ class Bands:
 def feeds_the_motion(
     recording: Recording, force_n: Floats, regression: RecordingRegression, fit: ModelFit
 ) -> bool:
-    """Whether the force gives power in at least three bands, with what bends taken out and without.
+    """True if the force gives the motion power in three bands or more, with what bends taken out and without.
 
     Likewise with a named delay, lag or fixture taken out and without: neither a late force nor a wrong name
     for one is a controller.
@@ -67,7 +67,7 @@ def feeds_the_motion(
 
 
 def even(time_s: Floats, *columns: Floats) -> tuple[float, tuple[Floats, ...]]:
-    """The period in s, and the columns evenly sampled; stamps that are even up to their rounding stay."""
+    """Resamples columns evenly; also the period in s. Columns with stamps even to 5 % of it stay."""
     period_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
     grid = time_s[0] + period_s * np.arange(len(time_s))
     if np.max(np.abs(grid - time_s)) < 0.05 * period_s:
@@ -98,7 +98,7 @@ def bands(x: Floats, f: Floats, period_s: float) -> Bands:
 
 
 def _bent_n(regression: RecordingRegression, fit: ModelFit, time_s: Floats) -> Floats:
-    """What the fit explains beside mass, damper and spring, in N at these stamps."""
+    """Force of the fit beside mass, damper and spring, in N at these stamps; 0 outside the pieces."""
     signals = regression.signals
     linear = regression.block(fit.model, "", ()) @ fit.of("")
     bent = regression.predicted(fit) - linear

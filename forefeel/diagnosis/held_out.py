@@ -1,5 +1,4 @@
-"""Held-out blocks: what a model says about stretches that it was not fitted to, with block-bootstrap
-intervals.
+"""Errors of a model in blocks that it was not fitted to, and gains with block-bootstrap intervals.
 
 Neighbouring errors are not independent; whole blocks are held out and drawn (Kuensch, Annals of Statistics
 17, 1989).
@@ -19,20 +18,18 @@ _SEEN = 0.2
 
 
 def block_numbers(regression: RecordingRegression) -> NDArray[np.int64]:
-    """The block of each row that counts. One recording is cut into blocks of as many rows, for a gap has
-    none.
-    """
-    own = regression.signals.t[regression.rows]
+    """Block number of each row that counts: its recording of several, else one of 4 to 16 of equal size."""
+    t = regression.signals.t[regression.rows]
     if regression.parts_s:
-        return np.asarray(np.searchsorted(regression.parts_s, own))
-    count = int(np.clip(len(own) / regression.signals.coarse_rate_hz / _LEAST_S, 4, _BLOCKS))
-    starts = np.linspace(0, len(own), count + 1).astype(np.int64)[1:-1]
-    return np.asarray(np.searchsorted(own[starts], own, side="right"))
+        return np.asarray(np.searchsorted(regression.parts_s, t))
+    count = int(np.clip(len(t) / regression.signals.coarse_rate_hz / _LEAST_S, 4, _BLOCKS))
+    starts = np.linspace(0, len(t), count + 1).astype(np.int64)[1:-1]
+    return np.asarray(np.searchsorted(t[starts], t, side="right"))
 
 
 def held_out_errors(regression: RecordingRegression, fit: ModelFit) -> Floats:
-    """Error in N at the rows that count, each block predicted by the fit, at its shapes, to all others. What
-    would have the wrong sign is 0 there, too.
+    """Errors in N at the rows that count, each block predicted by coefficients fitted to all others; shapes
+    stay, and coefficients that are 0 in the fit are 0 there, too.
     """
     white, plain = columns(regression, fit)
     acts = fit.coefficients != 0.0
@@ -53,15 +50,15 @@ def plain_columns(regression: RecordingRegression, fit: ModelFit) -> Floats:
 def held_out(
     regression: RecordingRegression, white: Floats, plain: Floats, ridge: Floats | float = 1e-10
 ) -> Floats:
-    """As `held_out_errors` for any columns, with a ridge on them in units of their own size."""
+    """Held-out errors in N for any columns, with a ridge on them in units of their own size."""
     scale = np.sqrt(np.mean(white**2, axis=0))
     scale[scale == 0.0] = 1.0
     white = white / scale
     numbers = block_numbers(regression)
     gram, moment = white.T @ white, white.T @ regression.target
     full = np.linalg.solve(gram + np.diag(np.full(len(gram), 1.0) * ridge) * len(white), moment)
-    found = np.tile(full, (int(numbers[-1]) + 1, 1))
-    for number, theta in enumerate(found):
+    thetas = np.tile(full, (int(numbers[-1]) + 1, 1))
+    for number, theta in enumerate(thetas):
         rows = numbers == number
         part = white[rows]
         inner = gram - part.T @ part
@@ -70,17 +67,17 @@ def held_out(
         inner[np.diag_indices_from(inner)] += ridge * len(white)
         right = moment - part.T @ regression.target[rows] - inner[:, ~known] @ full[~known]
         theta[known] = np.linalg.solve(inner[np.ix_(known, known)], right[known])
-    force, theta = regression.signals.force[regression.rows], found / scale
+    force, theta = regression.signals.force[regression.rows], thetas / scale
     return np.asarray(force - np.einsum("ij,ij->i", plain, theta[numbers]))
 
 
 def gain(regression: RecordingRegression, before: Floats, after: Floats) -> HeldOut:
-    """Of two series of held-out errors at the rows that count."""
+    """Gain from one series of held-out errors to another, both at the rows that count."""
     return gain_over(block_numbers(regression), before, after)
 
 
 def gain_over(numbers: NDArray[np.int64], before: Floats, after: Floats) -> HeldOut:
-    """Of two series of errors; `numbers`: of the block that each belongs to."""
+    """Gain from one series of errors to another, its interval by bootstrap; `numbers`: their blocks."""
     sums = np.array([[np.sum(e[numbers == k] ** 2) for e in (before, after)] for k in np.unique(numbers)])
     rng = np.random.default_rng(0)
     drawn = sums[rng.integers(len(sums), size=(_DRAWS, len(sums)))].sum(axis=1)

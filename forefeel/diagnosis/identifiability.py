@@ -1,4 +1,4 @@
-"""What a motion can tell at all, and which motion would tell rivals apart."""
+"""Kinds of motion by what they can tell, and motions that tell rivals apart."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ NOISE_TELLING_MOTION = (
 
 
 def separating_motion(names: set[str]) -> str:
-    """The motion that separates rivals, after the table of confusable pairs."""
+    """Words for the motion that tells most rivals apart; for a general one where none tells two of them."""
     count = Counter(motion for name in names for motion in cause_class(name).told_by)
     best = max(_SEPARATING, key=lambda motion: count[motion])
     if count[best] >= 2:
@@ -54,7 +54,7 @@ def separating_motion(names: set[str]) -> str:
 
 
 def motion_kind(signals: Signals) -> MotionKind:
-    """Whether the speed is one line of the spectrum, or does not change at all, or but for its direction."""
+    """Kind of motion: of constant speed, constant but for direction, of one line of the spectrum, or rich."""
     inside = [
         signals.fine_v[fine][_core(signals.fine_v[fine], signals, i)]
         for i, fine in enumerate(signals.piecewise())
@@ -74,7 +74,7 @@ def _steady(v: Floats, within: float) -> bool:
 
 
 def _straight(signals: Signals) -> bool:
-    """Whether the position leaves a straight line by less than a hundredth of its range."""
+    """True if the longest piece leaves a straight line by less than a hundredth of its range, rms."""
     piece = max(signals.piecewise(), key=lambda p: p.stop - p.start)
     inside = _core(signals.fine_x[piece], signals, signals.piecewise().index(piece))
     t, x = signals.fine_t[piece][inside], signals.fine_x[piece][inside]
@@ -90,7 +90,7 @@ def _core(v: Floats, signals: Signals, index: int) -> slice:
 
 
 def _one_line(speeds: Sequence[Floats]) -> bool:
-    """Whether all pieces are one and the same line of the spectrum, at one amplitude."""
+    """True if all pieces are one and the same line of the spectrum, at one amplitude."""
     shares, places = zip(*map(_line, speeds), strict=True)
     sizes = [float(np.std(v)) for v in speeds]
     alike = max(places) < _ALIKE * min(places) and max(sizes) < _ALIKE * min(sizes)
@@ -98,16 +98,14 @@ def _one_line(speeds: Sequence[Floats]) -> bool:
 
 
 def _line(v: Floats) -> tuple[float, float]:
-    """Share of the speed's power within two bins of its strongest line, and its cycles per sample; Blackman
-    window.
-    """
+    """Share of the speed's power in its strongest line (Blackman window), and its cycles per sample."""
     power = np.abs(np.fft.rfft((v - np.mean(v)) * np.blackman(len(v)))) ** 2
     top = int(np.argmax(power))
     return float(power[max(top - 4, 0) : top + 5].sum() / max(power.sum(), 1e-300)), top / len(v)
 
 
 def turns(x: Floats, least: float = 0.1) -> int:
-    """How often a position turns by more than that share of its range."""
+    """Number of reversals of a position by more than that share of its range."""
     return max(len(turning_points(x.tolist(), least * float(np.ptp(x)) if len(x) else 0.0)) - 1, 0)
 
 

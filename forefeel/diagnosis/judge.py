@@ -23,7 +23,7 @@ from forefeel.diagnosis.identifiability import (
     separating_motion,
     turns,
 )
-from forefeel.diagnosis.parameters import intervals, told
+from forefeel.diagnosis.parameters import intervals, significant
 from forefeel.diagnosis.regression import BASE, ModelFit
 from forefeel.diagnosis.residual import (
     excess_share,
@@ -66,30 +66,30 @@ Less = tuple[VerdictName, str | None, tuple[tuple[str, ...], ...]]
 
 
 def judged(analysis: Analysis) -> tuple[Diagnosis, Analysis]:
-    """The verdict, and the analysis with no cause in its model that the verdict does not name or suspect.
+    """Drops doubted causes, each time searching on without one; returns verdict and analysis of the rest.
 
-    A cause that does not bear its own weight goes, and what is left is judged anew.
+    If what is left is slower than the strokes, the simulation alone is judged.
     """
-    fullest: Judge | None = None
+    largest_rejected: Judge | None = None
     while True:
-        judge = Judge(analysis, fullest)
+        judge = Judge(analysis, largest_rejected)
         doubted = judge.doubted()
         if doubted is None and judge.slow:
             analysis = analysis.baseline()
             judge = Judge(analysis)
         if doubted is None:
             return judge.diagnosis(), analysis
-        analysis, fullest = analysis.without(doubted), fullest or judge
+        analysis, largest_rejected = analysis.without(doubted), largest_rejected or judge
 
 
 class Judge:
     """Weighs one analysis.
 
-    `fullest`: of the same recording with causes that describe more of it and can not be believed.
+    `largest_rejected`: of the same recording, before causes were dropped that can not be believed.
     """
 
-    def __init__(self, analysis: Analysis, fullest: "Judge | None" = None) -> None:
-        self.analysis, self.fullest = analysis, fullest
+    def __init__(self, analysis: Analysis, largest_rejected: "Judge | None" = None) -> None:
+        self.analysis, self.largest_rejected = analysis, largest_rejected
         self.regression, self.search, self.fit = analysis.regression, analysis.search, analysis.fit
         self.faults = analysis.faults
         self.base = analysis.base
@@ -106,12 +106,12 @@ class Judge:
         names = {base_name(name) for name in self.fit.model} | {fault.name for fault in self.faults}
         less = self._inexplicable()
         if less is not None:
-            return self.said(*less, suspected=names)
+            return self._diagnosis(*less, suspected=names)
         if self.fit.model or self.faults:
-            return self.said("cause_found", suspected=names)
+            return self._diagnosis("cause_found", suspected=names)
         if self.floor_n is None:
-            return self.said("nothing_found", NOISE_TELLING_MOTION)
-        return self.said("nothing_missing")
+            return self._diagnosis("nothing_found", NOISE_TELLING_MOTION)
+        return self._diagnosis("nothing_missing")
 
     @cached_property
     def _kind(self) -> MotionKind:
@@ -121,17 +121,17 @@ class Judge:
     def _largest(self) -> str | None:
         """The cause without which most is left; the bias is none."""
         causes = [name for name in self.fit.model if name != "bias"]
-        return max(causes, key=lambda name: self._alone[name][1].rmse_before_n, default=None)
+        return max(causes, key=lambda name: self._without[name][1].rmse_before_n, default=None)
 
     def _inexplicable(self) -> Less | None:
-        """Where the model is not all that there is, or not the only one."""
+        """Verdict without a cause, where the model is incomplete or not the only one that fits; else None."""
         if self._kind == "constant_speed":
             return "not_separable", GENERAL_MOTION, (RIVALS_AT_CONSTANT_SPEED,)
         if self.slow:
             return "unexplained", None, ()
         if self._not_driven():
             return "not_driven_by_this_axis", None, ()
-        if self._structure_left() and not (self._stands_beside_the_rest() or self._is_most_of_little()):
+        if self._structure_left() and not (self._agrees_with_rejected() or self._explains_nearly_all()):
             return "unexplained", GENERAL_MOTION, ()
         groups = self._groups
         if groups:
@@ -140,6 +140,7 @@ class Judge:
 
     @cached_property
     def _groups(self) -> tuple[tuple[str, ...], ...]:
+        """Groups of causes that can not be told apart, as the kind of motion demands."""
         if self._kind == "single_frequency":
             return self._rivals_of_a_line()
         named = {base_name(name) for name in self.fit.model}
@@ -147,9 +148,9 @@ class Judge:
             return (RIVALS_AT_ONE_SPEED,)
         return self._rival_groups()
 
-    def _is_most_of_little(self) -> bool:
-        """Whether one model tells most of what mass, damper and spring leave, and that is little, as where a
-        damper does for dry friction: much of it says nothing against the model then.
+    def _explains_nearly_all(self) -> bool:
+        """True if the causes clearly gain and leave under 0.6 % of the force's variance, without rivals:
+        structure in so little says nothing against the model.
         """
         if self._largest is None or self._pulses_with_depth or self.held_out.gain_low < _CLEAR_GAIN:
             return False
@@ -157,19 +158,19 @@ class Judge:
 
     @cached_property
     def slow(self) -> bool:
-        """Whether what is left is slower than the strokes, which a spring explains, and only a linear bend or
-        a line of them is named: such a name is how the search puts the one into the other.
+        """True if a spring explains the strokes, what it leaves is slower, and the largest cause, if any,
+        bends or pulses among the strokes: such a name is how the search puts the one into the other.
         """
-        seen = self.regression.look
-        slower = 1.0 - seen.spring_in_band < 0.5 * (1.0 - seen.spring)  # most of what is left
-        if not slower or seen.spring_in_band < max(_STROKES_EXPLAINED, seen.spring + _MORE_THAN_WHOLE):
+        look = self.regression.look
+        slower = 1.0 - look.spring_in_band < 0.5 * (1.0 - look.spring)  # most of what is left
+        if not slower or look.spring_in_band < max(_STROKES_EXPLAINED, look.spring + _MORE_THAN_WHOLE):
             return False
         name = self._largest
-        among_the_strokes = name == Pulsation.name and self.fit.model[name][0] > seen.slow_hz
+        among_the_strokes = name == Pulsation.name and self.fit.model[name][0] > look.slow_hz
         return name is None or among_the_strokes or cause_class(name).bends
 
     def _not_driven(self) -> bool:
-        """Whether the force's own past tells more of it than the motion does."""
+        """True if the force's own past predicts it clearly better than the motion does."""
         explained = 1.0 - (self.residual_n / self.force_n) ** 2
         if max(explained, self.regression.look.explained) > _DRIVEN:
             return False
@@ -177,9 +178,7 @@ class Judge:
         return foretold > _KNOWN and 1.0 - foretold < _MUCH_LESS * (1.0 - explained)
 
     def _structure_left(self) -> bool:
-        """Whether much of what a spring, a damper, a mass and a bias leave is left by the causes, too, and is
-        no noise.
-        """
+        """True if the causes leave much of what mass, damper, spring and a bias leave, and it is no noise."""
         if any(fault.name == SensorQuantisation.name for fault in self.faults):
             return False
         if self._pulses_with_depth:
@@ -192,56 +191,56 @@ class Judge:
 
     @cached_property
     def _pulses_with_depth(self) -> bool:
-        found = modulation_gain(self.regression, self.fit)
-        return found is not None and found.gain > 2.0 * _FLEXIBLE and found.gain_low > _FLEXIBLE
+        pulsing = modulation_gain(self.regression, self.fit)
+        return pulsing is not None and pulsing.gain > 2.0 * _FLEXIBLE and pulsing.gain_low > _FLEXIBLE
 
-    def _stands_beside_the_rest(self) -> bool:
-        """Whether the causes are the same beside one more that describes what they leave, under any name."""
+    def _agrees_with_rejected(self) -> bool:
+        """True if the causes have the same sizes beside a rejected one that describes what they leave."""
         causes = set(self.fit.model) - {"bias"}
-        if self.fullest is None or not causes or self.fullest._structure_left():
+        if self.largest_rejected is None or not causes or self.largest_rejected._structure_left():
             return False
-        if len(self.fullest.fit.model) > len(self.fit.model) + 1:
+        if len(self.largest_rejected.fit.model) > len(self.fit.model) + 1:
             return False
-        return all(self._same_size(name, self.fullest) for name in causes)
+        return all(self._same_size(name, self.largest_rejected) for name in causes)
 
     def _same_size(self, name: str, other: "Judge") -> bool:
-        """Whether a size of a cause is about the same in both models."""
-        own, its = self.parameters[base_name(name)], other.parameters.get(base_name(name), {})
-        sizes = [(own[size].value, its[size].value) for size in CANDIDATES[name].needed if size in its]
+        """True if one size of a cause is the same within a factor of 1.3 in both models."""
+        ours, theirs = self.parameters[base_name(name)], other.parameters.get(base_name(name), {})
+        sizes = [(ours[s].value, theirs[s].value) for s in CANDIDATES[name].needed if s in theirs]
         return any(a * b > 0.0 and 1.0 / _ALIKE < a / b < _ALIKE for a, b in sizes)
 
     def _may_be_noise(self) -> bool:
-        """Whether the noise is known; where it is not, whether what is left forgets itself as noise does."""
+        """True if the noise floor is known; where it is not, if what is left forgets itself as noise does."""
         floor = self.analysis.floor
         if floor is not None and floor.slope <= _KNOWN_SLOPE:
             return True
-        return self._foretold < _REMEMBERED
+        return self._predicted_share < _REMEMBERED
 
     @cached_property
     def _residual(self) -> Floats:
         return self.regression.residual(self.fit)
 
     @cached_property
-    def _foretold(self) -> float:
-        """Share of what is left that its own past tells."""
+    def _predicted_share(self) -> float:
+        """Share of what is left that its own past predicts."""
         return predictable_share(self.regression, self._residual)
 
     def _structured_share(self) -> float:
-        """Share of what is left that is no noise: by its memory, by a flexible model, by its size."""
+        """Share of what is left that is no noise; the largest by memory, by a flexible model, by size."""
         floor = self.analysis.floor
         shares = [0.0]
         if floor is not None and floor.slope == 0.0:  # else the noise itself has a memory
-            shares = [self._foretold if self._foretold > _FORETOLD else 0.0]
-        found = flexible_gain(self.regression, self.fit)
-        if found.gain_low > _FLEXIBLE and found.gain > 2.0 * _FLEXIBLE:
-            shares.append(1.0 - (1.0 - found.gain) ** 2)
+            shares = [self._predicted_share if self._predicted_share > _FORETOLD else 0.0]
+        flexible = flexible_gain(self.regression, self.fit)
+        if flexible.gain_low > _FLEXIBLE and flexible.gain > 2.0 * _FLEXIBLE:
+            shares.append(1.0 - (1.0 - flexible.gain) ** 2)
         if floor is not None and self.residual_n > _OF_FORCE * self.force_n:
             shares.append(excess_share(self.regression, self._residual, floor))
         return max(shares)
 
     def _rival_groups(self) -> tuple[tuple[str, ...], ...]:
-        """For each cause the names that would do as well in its place."""
-        taken = {base_name(each) for each in self.fit.model}
+        """Groups of a cause and up to two rivals that fit as well in its place."""
+        taken = {base_name(name) for name in self.fit.model}
         groups = []
         for name in self.fit.model:
             rivals = [
@@ -254,9 +253,7 @@ class Judge:
         return tuple(groups)
 
     def _rivals_of_a_line(self) -> tuple[tuple[str, ...], ...]:
-        """Of a motion of one frequency: the largest cause and what foretells held-out blocks as well in its
-        place.
-        """
+        """Group of the largest cause and what predicts held-out blocks as well, for one frequency."""
         largest = self._largest
         if largest is None:
             return ()
@@ -268,8 +265,8 @@ class Judge:
         return tuple(_group(largest, rivals))
 
     def _replacements(self, name: str, closed: Container[str]) -> Iterator[tuple[str, ModelFit]]:
-        """The models in which another form takes a cause's place, where they are near on the grid."""
-        rest, _ = self._alone[name]
+        """Yields name and fit of each form, not `closed`, that is near on the grid in a cause's place."""
+        rest, _ = self._without[name]
         worst = self.fit.score + _RIVAL + _NEAR * abs(rest.score - self.fit.score)
         for other in self.search.names:
             if base_name(other) not in closed and self.search.open_to(rest, other):
@@ -278,19 +275,19 @@ class Judge:
                     yield other, trial
 
     def doubted(self) -> str | None:
-        """The cause of the model that has the least for it among those that can not be, which tell how much
-        the others explain; else among those that have too little; None: none.
+        """Name of the cause to drop: of those that are impossible, else of the weak ones, the one whose loss
+        costs least. None where there are none, or at constant speed.
         """
         if self._kind == "constant_speed":
             return None
-        weak = [name for name in self.fit.model if self._can_not_be(name)]
+        weak = [name for name in self.fit.model if self._is_impossible(name)]
         weak = weak or [name for name in self.fit.model if self._is_weak(name)]
-        return min(weak, key=lambda name: self._alone[name][0].score, default=None)
+        return min(weak, key=lambda name: self._without[name][0].score, default=None)
 
-    def _can_not_be(self, name: str) -> bool:
-        """Whether a parameter is beyond what the cause can have, or no spring is beside what relaxes or lags:
-        both are then a damper that comes late, as dry friction is where the motion turns. Nor is it a long
-        lag where a contact that relaxes gives the same force along every motion.
+    def _is_impossible(self, name: str) -> bool:
+        """True if a parameter is beyond what the cause can have, or no spring is beside what relaxes or lags,
+        which is then a damper that comes late, as dry friction is where the motion turns; also for a long lag
+        where a contact that relaxes gives the same force along every motion.
         """
         mass, damping, stiffness = (self.parameters[""][size] for size in BASE)
         if cause_class(name).needs_spring and stiffness.low <= 0.0:
@@ -303,30 +300,30 @@ class Judge:
             relaxing_n_m = (damping.value - mass.value / tau_s) / tau_s - stiffness.value
             if tau_s > _SLOWEST_CELL_S and relaxing_n_m > 0.0:
                 return True
-        own = [each for each in effect_class(base_name(name)).parameters if each.name in values]
-        return any(not each.lower <= values[each.name].value <= each.upper for each in own)
+        bounded = [p for p in effect_class(base_name(name)).parameters if p.name in values]
+        return any(not p.lower <= values[p.name].value <= p.upper for p in bounded)
 
     def _is_weak(self, name: str) -> bool:
-        """Whether it does not help where it was not fitted, or may as well be nothing, or anything."""
-        _, own = self._alone[name]
-        if own.gain_low <= _AS_GOOD:
+        """True if the cause hardly helps where it was not fitted, or may as well be nothing, or anything."""
+        _, held_out = self._without[name]
+        if held_out.gain_low <= _AS_GOOD:
             return True
         seldom = name == "stiffness_change:rest" and not self._moved_around(self.fit.model[name][0])
-        if seldom and own.gain_low < _NEARLY_ALL:
+        if seldom and held_out.gain_low < _NEARLY_ALL:
             return True
-        own_parameters = self.parameters[base_name(name)]
-        ratio = own_parameters.get("ratio")  # of two stiffnesses
+        parameters = self.parameters[base_name(name)]
+        ratio = parameters.get("ratio")  # of two stiffnesses
         if ratio is not None and ratio.low <= 1.0 <= ratio.high:
             return True
-        if any(not np.isfinite(each.high - each.low) for each in own_parameters.values()):
+        if any(not np.isfinite(interval.high - interval.low) for interval in parameters.values()):
             return True
-        sizes = [own_parameters[size] for size in CANDIDATES[name].needed]
+        sizes = [parameters[size] for size in CANDIDATES[name].needed]
         return bool(sizes) and all(
             size.low <= 0.0 <= size.high or size.high - size.low > _WIDEST * abs(size.value) for size in sizes
         )
 
     def _moved_around(self, instant_s: float) -> bool:
-        """Whether there are strokes enough before and after an instant: of a few, two stiffnesses and two
+        """True if at least four reversals lie before and after an instant: of fewer, two stiffnesses and two
         levels describe a hysteresis, too, though never nearly all of it.
         """
         signals = self.regression.signals
@@ -335,14 +332,14 @@ class Judge:
         return all(turns(signals.fine_x[inside][part]) >= _STROKES for part in (after, ~after))
 
     @cached_property
-    def _alone(self) -> dict[str, tuple[ModelFit, HeldOut]]:
-        """For each cause the model without it, and what the cause gains on held-out blocks."""
-        found = {}
+    def _without(self) -> dict[str, tuple[ModelFit, HeldOut]]:
+        """Fit without each cause, by its name, and what the cause gains on held-out blocks."""
+        fits = {}
         for name in self.fit.model:
             without = self.search.without(self.fit, name)
             errors = held_out_errors(self.regression, without)
-            found[name] = without, gain(self.regression, errors, self.after)
-        return found
+            fits[name] = without, gain(self.regression, errors, self.after)
+        return fits
 
     def _causes(self) -> tuple[Cause, ...]:
         causes = [*self.faults, *map(self._cause, self.fit.model)]
@@ -350,26 +347,27 @@ class Judge:
         return tuple(sorted(causes, key=lambda cause: (cause.name == "bias", -cause.explained_n)))
 
     def _cause(self, name: str) -> Cause:
-        without, own = self._alone[name]
-        if "bias" not in self.fit.model:  # as the baseline has: no part of a cause that makes it needless
+        """Cause with parameters and evidence; its gain is over a fit that has a bias, as the baseline has."""
+        without, held_out = self._without[name]
+        if "bias" not in self.fit.model:  # no part of a cause that makes it needless
             without = self.search.without(self.search.fit({**self.fit.model, "bias": ()}), name)
-            own = gain(self.regression, held_out_errors(self.regression, without), self.after)
+            held_out = gain(self.regression, held_out_errors(self.regression, without), self.after)
         plain, likelihood = base_name(name), without.score - self.fit.score
         words = (
             f"without it the penalised -2 log likelihood is {likelihood:.0f} worse; it lessens the error on "
-            f"held-out blocks by {100 * own.gain:.0f} % "
-            f"({100 * own.gain_low:.0f} to {100 * own.gain_high:.0f} %)"
+            f"held-out blocks by {100 * held_out.gain:.0f} % "
+            f"({100 * held_out.gain_low:.0f} to {100 * held_out.gain_high:.0f} %)"
         )
-        return Cause.fitted(plain, told(self.parameters[plain]), likelihood, own, words)
+        return Cause.fitted(plain, significant(self.parameters[plain]), likelihood, held_out, words)
 
-    def said(
+    def _diagnosis(
         self,
         verdict: VerdictName,
         motion: str | None = None,
         rivals: tuple[tuple[str, ...], ...] = (),
         suspected: Iterable[str] = (),
     ) -> Diagnosis:
-        """The verdict with its numbers; `motion`: to record next."""
+        """Diagnosis of that verdict with all its numbers; `motion`: to record next."""
         held = self.held_out
         return Diagnosis(
             verdict,

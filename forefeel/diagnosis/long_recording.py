@@ -42,22 +42,22 @@ def cut(recording: Recording, part: slice | Mask) -> Recording:
 
 
 def chunks_of(recording: Recording, length_s: float) -> list[slice]:
-    """The recording in pieces of about that length, none across a gap, none shorter than 3 s."""
-    found = []
+    """Cuts a recording into chunks of about that length, none across a gap; leaves out those below 3 s."""
+    chunks = []
     for piece in gapless(recording):
         time_s = recording.time_s[piece]
         count = max(1, round(float(time_s[-1] - time_s[0]) / length_s))
         edges = np.linspace(piece.start, piece.stop, count + 1).astype(np.int64)
         parts = [slice(int(a), int(b)) for a, b in pairwise(edges)]
-        found += [p for p in parts if recording.time_s[p.stop - 1] - recording.time_s[p.start] >= 3.0]
-    return found
+        chunks += [p for p in parts if recording.time_s[p.stop - 1] - recording.time_s[p.start] >= 3.0]
+    return chunks
 
 
 def cleaned_everywhere(recording: Recording, chunks: list[slice]) -> tuple[Recording, Mask, list[Cause]]:
-    """Without lines and spikes of the force, which samples were clipped, the faults of all chunks merged."""
+    """Cleans the force in chunks: the recording cleaned, the mask of clipped samples, the faults merged."""
     assert recording.force_n is not None
     force_n, unusable = recording.force_n, np.zeros(len(recording), dtype=np.bool_)
-    seen: dict[str, list[tuple[Cause, float]]] = defaultdict(list)
+    by_name: dict[str, list[tuple[Cause, float]]] = defaultdict(list)
     for chunk in chunks:
         part = cut(recording, chunk)
         cleaned = clean(part)
@@ -67,15 +67,16 @@ def cleaned_everywhere(recording: Recording, chunks: list[slice]) -> tuple[Recor
                 force_n = recording.force_n.copy()  # not before: an hour at 1 kHz is 29 MB
             force_n[chunk] = cleaned.force_n
         for fault in cleaned.faults:
-            seen[fault.name].append((fault, part.duration_s))
+            by_name[fault.name].append((fault, part.duration_s))
     total = sum(float(recording.time_s[c.stop - 1] - recording.time_s[c.start]) for c in chunks)
-    merged = [_merged(found, total) for found in seen.values()]
+    merged = [_merged(faults, total) for faults in by_name.values()]
     force_n.flags.writeable = False  # handed over, not copied
     cleaned_recording = replace(recording, force_n=force_n)
     return cleaned_recording, unusable, [fault for fault in merged if fault is not None]
 
 
 def liveliest(recording: Recording, length_s: float) -> slice:
+    """Stretch of that length in which the position travels farthest."""
     count = min(int(length_s * recording.rate_hz), len(recording))
     step = max(1, int(0.05 * recording.rate_hz))
     way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(recording.position_m[::step])))])
@@ -84,24 +85,24 @@ def liveliest(recording: Recording, length_s: float) -> slice:
     return slice(start, min(start + count, len(recording)))
 
 
-def _merged(found: list[tuple[Cause, float]], total_s: float) -> Cause | None:
-    """One fault of all chunks; a comb or a line that most of the chunks lack is none."""
-    longest, covered = max(found, key=lambda pair: pair[1])[0], sum(duration for _, duration in found)
+def _merged(faults: list[tuple[Cause, float]], total_s: float) -> Cause | None:
+    """Merges one fault of chunks with their durations; None for a comb or a line that most of them lack."""
+    longest, covered = max(faults, key=lambda pair: pair[1])[0], sum(duration for _, duration in faults)
     share = covered / total_s
     if longest.name in (SensorQuantisation.name, MainsHum.name) and share < 0.5:
         return None
     parameters = {
-        key: _together([fault.parameters[key] for fault, _ in found], share if key == "rate_hz" else 1.0)
+        key: _together([fault.parameters[key] for fault, _ in faults], share if key == "rate_hz" else 1.0)
         for key in longest.parameters
     }
-    rms_n = float(np.sqrt(np.mean([fault.explained_n**2 for fault, _ in found]) * share))
+    rms_n = float(np.sqrt(np.mean([fault.explained_n**2 for fault, _ in faults]) * share))
     return Cause.on_readings(longest.name, parameters, longest.evidence.words, rms_n)
 
 
-def _together(found: list[Interval], share: float) -> Interval:
-    """Mean of the values and their intervals, narrower by the root of their number."""
-    value, low, high = np.mean([(each.value, each.low, each.high) for each in found], axis=0)
-    narrow = 1.0 / np.sqrt(len(found))
+def _together(intervals: list[Interval], share: float) -> Interval:
+    """Mean of the values and their intervals, narrower by the root of their number; times `share`."""
+    value, low, high = np.mean([(i.value, i.low, i.high) for i in intervals], axis=0)
+    narrow = 1.0 / np.sqrt(len(intervals))
     ends = (float(share * (value + narrow * off)) for off in (0.0, low - value, high - value))
     return Interval(*ends)
 
@@ -120,8 +121,8 @@ _RARE_S = 300.0  # s in which faults are looked for at once, for some are rare
 
 
 def stretch_s(recording: Recording) -> float:
-    """How much is searched at once, in s: 60 s or 20,000 samples; less where the force is fast, judged by the
-    middle of the recording.
+    """Length searched at once, in s: 60 s or 20,000 samples, the longer of both; less where the force is
+    fast, judged by the middle of the recording.
     """
     count = int(min(_PROBE_S * recording.rate_hz, len(recording)))
     middle = (len(recording) - count) // 2
@@ -130,7 +131,7 @@ def stretch_s(recording: Recording) -> float:
 
 
 def is_long(recording: Recording) -> bool:
-    """Whether a recording is searched on stretches; others are searched whole, slow ones decimated."""
+    """True if a recording is to be searched on stretches; others are searched whole, slow ones decimated."""
     length_s = stretch_s(recording) if len(recording) > _LONG else _with_most_rows_s(recording)
     return recording.duration_s > _MORE_THAN_ONE * length_s
 
@@ -146,7 +147,7 @@ def analyse_long(
     names: Sequence[str] | None = None,
     parts_s: tuple[float, ...] = (),
 ) -> Analysis:
-    """The analysis of stretches; see the module. `names`, `parts_s`: as in `analyse`.
+    """Analyses stretches of a recording; see the module. `names`, `parts_s`: as in `analyse`.
 
     Raises:
         RecordingError: no stretch without gaps is long enough.
@@ -155,15 +156,15 @@ def analyse_long(
     cleaned, unusable, faults = cleaned_everywhere(recording, chunks_of(recording, _RARE_S))
     chunks = chunks_of(recording, float(np.clip(recording.duration_s / _CHUNKS, *_CHUNK_S)))
     whole = Whole(cleaned, unusable, chunks, progress, names, parts_s)
-    found = whole.searched()
+    analysis = whole.searched()
     if any(fault.name == SensorSpikes.name for fault in faults):
         raw = Whole(recording, unusable, chunks, progress, names, parts_s)
-        if raw.rms_n(found) < whole.rms_n(found):  # pulses that the motion explains are no spikes
-            found = raw.searched()
+        if raw.rms_n(analysis) < whole.rms_n(analysis):  # pulses that the motion explains are no spikes
+            analysis = raw.searched()
             faults = [fault for fault in faults if fault.name != SensorSpikes.name]
-    known = {fault.name for fault in found.cleaned.faults}
-    found.cleaned.faults.extend(fault for fault in faults if fault.name not in known)
-    return found
+    known = {fault.name for fault in analysis.cleaned.faults}
+    analysis.cleaned.faults.extend(fault for fault in faults if fault.name not in known)
+    return analysis
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,33 +182,34 @@ class Whole:
     parts_s: tuple[float, ...]
 
     def searched(self) -> Analysis:
-        """The analysis of the liveliest stretch, or of more where that does not do; see the module."""
+        """Analyses the liveliest stretch, and more where its model leaves more of others; see the module."""
         if self.parts_s:
             return self._analysed(self._stretches(range(0)))
         lively = np.zeros(len(self.recording), dtype=np.bool_)
         lively[liveliest(self.recording, stretch_s(self.recording))] = True
         self.progress("the liveliest stretch")
-        found = self._analysed(lively)
-        left_n = self.left_n(found)
-        total_n, usual_n = _rms(left_n.values()), found.residual_rms_n
+        analysis = self._analysed(lively)
+        left_n = self.left_n(analysis)
+        total_n, usual_n = _rms(left_n.values()), analysis.residual_rms_n
         if total_n < _MORE * usual_n and max(left_n.values()) < _MUCH_MORE * usual_n:
-            return found
+            return analysis
         self.progress("stretches of the whole length")
         rows = self._stretches(sorted(left_n, key=lambda number: -left_n[number])[:_WORST])
         again = self._around_the_change(self._analysed(rows), rows)
-        return again if self.rms_n(again) < total_n else found
+        return again if self.rms_n(again) < total_n else analysis
 
     def rms_n(self, analysis: Analysis) -> float:
         return _rms(self.left_n(analysis).values())
 
     def left_n(self, analysis: Analysis) -> dict[int, float]:
+        """rms of the residual in N by number of the chunk."""
         return {
             number: _rms(regression.residual(analysis.fit)[regression.signals.rows])
             for number, regression in self._regressions(analysis)
         }
 
     def _regressions(self, analysis: Analysis) -> Iterator[tuple[int, RecordingRegression]]:
-        """Number and regression of every chunk that is long enough, with the times of the analysis."""
+        """Yields number and regression of every chunk that is long enough, with the times of the analysis."""
         like = analysis.regression
         for number, chunk in enumerate(self.chunks):
             part = cut(self.recording, chunk)
@@ -222,15 +224,15 @@ class Whole:
             yield number, like.like(signals)
 
     def _analysed(self, rows: Mask) -> Analysis:
-        """The samples of a mask, as one recording with gaps."""
+        """Analyses the samples of a mask as one recording with gaps."""
         part = cut(self.recording, rows)
         late_s = float(part.time_s[0] - self.recording.time_s[0])
-        parts_s = tuple(each - late_s for each in self.parts_s)
+        parts_s = tuple(part_s - late_s for part_s in self.parts_s)
         return analyse(part, self.progress, self.names, parts_s)
 
     def _stretches(self, worst: Sequence[int]) -> Mask:
-        """Half of the liveliest stretch, and short ones over the whole length and in the worst chunks; of
-        several recordings as one a stretch of each.
+        """Mask of half of the liveliest stretch, and of short ones over the whole length and in the worst
+        chunks; of several recordings as one a stretch of each.
         """
         length_s = stretch_s(self.recording)
         rows = np.zeros(len(self.recording), dtype=np.bool_)
@@ -250,22 +252,22 @@ class Whole:
     def _one_of_each(self) -> list[int]:
         start_s = np.array([self.recording.time_s[chunk.start] for chunk in self.chunks])
         owners = np.searchsorted(self.parts_s, start_s - self.recording.time_s[0])
-        own = [np.flatnonzero(owners == owner) for owner in np.unique(owners)]
-        return [int(numbers[len(numbers) // 2]) for numbers in own]
+        groups = [np.flatnonzero(owners == owner) for owner in np.unique(owners)]
+        return [int(numbers[len(numbers) // 2]) for numbers in groups]
 
     def _include(self, rows: Mask, centre: int, length_s: float) -> None:
         half = int(0.5 * length_s * self.recording.rate_hz)
         rows[max(centre - half, 0) : centre + half] = True
 
-    def _around_the_change(self, found: Analysis, rows: Mask) -> Analysis:
-        """With one stretch more, around the instant of a change that lies between two."""
-        forms = [name for name in found.fit.model if base_name(name) == _CHANGE]
+    def _around_the_change(self, analysis: Analysis, rows: Mask) -> Analysis:
+        """Analyses anew with a stretch around the instant of a change, if it lies between those of `rows`."""
+        forms = [name for name in analysis.fit.model if base_name(name) == _CHANGE]
         if not forms:
-            return found
-        at_s = self._changed_s(found, forms[0])
+            return analysis
+        at_s = self._changed_s(analysis, forms[0])
         centre = int(np.searchsorted(self.recording.time_s, at_s))
         if rows[min(centre, len(rows) - 1)]:
-            return found
+            return analysis
         rows = rows.copy()
         self._include(rows, centre, stretch_s(self.recording) / (_SPREAD + _WORST))
         return self._analysed(rows)

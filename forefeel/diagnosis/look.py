@@ -30,15 +30,15 @@ _SEEN = 0.25  # of what mass, damper and spring leave: a family that takes less 
 
 
 def look(signals: Signals, motion: MotionGrid) -> Look:
-    """Looks at a conditioned recording; `motion` is that of the stage on the fine grid."""
+    """Finds sense, shares and family by plain regressions; `motion` is that of the stage on the fine grid."""
     columns = _columns(signals, motion)
     slow_hz, gain = _high_pass(signals)
     whole, band = _Band(signals, columns, 1.0), _Band(signals, columns, gain)
     dry = ("base", "friction")
-    found = {sense: band.explained(dry, sense) for sense in (1.0, -1.0)}
-    if max(found.values()) < _TRUSTED or abs(found[1.0] - found[-1.0]) < _CLEAR:
-        found = {sense: whole.explained(dry, sense) for sense in found}
-    sense = max(found, key=lambda each: found[each])
+    shares = {sense: band.explained(dry, sense) for sense in (1.0, -1.0)}
+    if max(shares.values()) < _TRUSTED or abs(shares[1.0] - shares[-1.0]) < _CLEAR:
+        shares = {sense: whole.explained(dry, sense) for sense in shares}
+    sense = max(shares, key=lambda direction: shares[direction])
     springs, best = [], -np.inf
     family: Family | None = None
     most = _SEEN
@@ -54,13 +54,14 @@ def look(signals: Signals, motion: MotionGrid) -> Look:
     return Look(sense, slow_hz, springs[0], springs[1], best, family)
 
 
-def strokes(signals: Signals, motion: MotionGrid, seen: Look) -> tuple[Floats, Floats, dict[str, Floats]]:
+def strokes(signals: Signals, motion: MotionGrid, look: Look) -> tuple[Floats, Floats, dict[str, Floats]]:
     """(position in m, measured force in N, force in N of each regression by its name) above `slow_hz`."""
     columns, gain = _columns(signals, motion), _high_pass(signals)[1]
-    band, beside = _Band(signals, columns, gain), FAMILIES if seen.family is None else (seen.family,)
-    families = {"mass, damper, spring": ("base",), f"with {seen.family or 'all three'}": ("base", *beside)}
+    band, family, sense = _Band(signals, columns, gain), look.family, look.sense
+    beside = FAMILIES if family is None else (family,)
+    families = {"mass, damper, spring": ("base",), f"with {family or 'all three'}": ("base", *beside)}
     position = signals.column(signals.linear_spectrum(0) * gain)[signals.rows]
-    return position, band.force, {name: band.predicted(own, seen.sense) for name, own in families.items()}
+    return position, band.force, {name: band.predicted(used, sense) for name, used in families.items()}
 
 
 class _Band:
@@ -68,10 +69,10 @@ class _Band:
 
     def __init__(self, signals: Signals, columns: dict[str, list[Spectrum]], gain: Floats | float) -> None:
         rows = signals.rows
-        names = [name for name, own in columns.items() for _ in own]
+        names = [name for name, spectra in columns.items() for _ in spectra]
         self._owners = np.array(names)
         table = np.column_stack(
-            [signals.column(spectrum * gain)[rows] for own in columns.values() for spectrum in own]
+            [signals.column(spectrum * gain)[rows] for spectra in columns.values() for spectrum in spectra]
         )
         force = signals.column(signals.force_spectrum() * gain)[rows]
         self.force = force - force.mean()
@@ -102,6 +103,7 @@ def explained_share(force: Floats, predicted: Floats) -> float:
 
 
 def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
+    """Spectra of the regressions' columns, by family; "base" has no mass where it would be above 1000 kg."""
     low, high = np.quantile(motion.x, (0.05, 0.95))
     depth = (motion.x - 0.5 * (low + high)) / max(high - low, 1e-300)
     steps = motion.rate * motion.dt / max(high - low, 1e-300)
@@ -110,17 +112,14 @@ def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
     rows = signals.rows
     if _HEAVIEST_KG * np.std(signals.column(base[0])[rows]) < np.std(signals.force[rows]):
         del base[0]
+    decays = (np.exp(-motion.dt / tau_s) for tau_s in _RELAXING_S)
+    settled = (motion.through(SettledLag(), motion.x, decay) for decay in decays)  # of Maxwell branches
     return {
         "base": base,
         "friction": [signals.spectrum(column) for column in dry],
-        "relaxation": [signals.spectrum(_maxwell(motion, tau_s)) for tau_s in _RELAXING_S],
+        "relaxation": [signals.spectrum(motion.x - lagging) for lagging in settled],
         "stiffening": [signals.spectrum(sign * depth**power) for power in (2, 3) for sign in (1.0, -1.0)],
     }
-
-
-def _maxwell(motion: MotionGrid, tau_s: float) -> Floats:
-    """Length of the spring of a spring and a damper in series, at rest at the start of each piece."""
-    return motion.x - motion.through(SettledLag(), motion.x, np.exp(-motion.dt / tau_s))
 
 
 def _high_pass(signals: Signals) -> tuple[float, Floats]:

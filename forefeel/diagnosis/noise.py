@@ -1,4 +1,4 @@
-"""The noise: of what no model explains as an autoregression, to whiten with; of the force as a floor, from
+"""Two models of the noise: an autoregression of the residual, to whiten with; a floor of the force, from
 where the motion has nothing, independent of any model of the contact.
 
 Above the frequencies of the motion the force is noise, but for moments such as the jumps at reversals: only
@@ -38,12 +38,12 @@ class Noise:
         return np.concatenate([lfilter(self.taps, 1.0, columns[piece], axis=0) for piece in pieces])
 
     def response(self, phase: Floats) -> NDArray[np.complex128]:
-        """What whitening does to a spectrum, over innovation; `phase` in rad per sample, any shape."""
+        """Frequency response of the whitening, over innovation; `phase` in rad per sample, any shape."""
         lags = np.arange(len(self.taps))
         return np.asarray(np.exp(-1j * phase[..., None] * lags) @ self.taps / self.innovation_n)
 
     def rows(self, rows: Mask, pieces: Sequence[slice]) -> Mask:
-        """Those rows whose whitened value rests on counting rows only."""
+        """Mask of the rows whose whitened value rests on counting rows only."""
         return _whole(rows, pieces, len(self.taps))
 
 
@@ -54,7 +54,7 @@ def white() -> Noise:
 def autoregression(
     residual: Floats, rows: Mask, pieces: Sequence[slice], rate_hz: float, corner_hz: float = LEAST_CORNER_HZ
 ) -> Noise:
-    """Yule-Walker on what counts, rows that do not count taken as zero (Parzen's amplitude-modulated series).
+    """Yule-Walker fit to what counts, other rows taken as zero (Parzen's amplitude-modulated series).
 
     A small ridge keeps the filter's stop-band from being blown up. What is remembered for longer than noise
     with that corner is structure: taken for noise it would blind the search for slow causes.
@@ -84,7 +84,7 @@ def autoregression(
 
 
 def _order(rows: Mask, pieces: Sequence[slice]) -> int:
-    """As high as leaves half of the rows: whitening costs as many behind each one that does not count."""
+    """Order, up to 12, that leaves half of the rows: whitening costs so many behind each unusable one."""
     counted = int(np.count_nonzero(rows))
     order = min(_ORDER, counted // 20)
     while order > 1 and 2 * np.count_nonzero(_whole(rows, pieces, order + 1)) < counted:
@@ -93,7 +93,7 @@ def _order(rows: Mask, pieces: Sequence[slice]) -> int:
 
 
 def _whole(rows: Mask, pieces: Sequence[slice], reach: int) -> Mask:
-    """Those rows that are the last of `reach` counting ones in a row of one piece."""
+    """Mask of the rows that are the last of `reach` counting ones in a row of one piece."""
     good: list[Mask] = []
     for piece in pieces:
         count = np.concatenate([np.zeros(reach), np.cumsum(rows[piece])])
@@ -116,7 +116,7 @@ _LEAST_BINS = 5  # of the spectrum above the motion: fewer tell no colour
 _OF_MOTION = 10.0  # times the power of the encoder's noise, which is not quite white: more is motion
 _ROUND_OFF = 1e-10  # of the largest power: less is none
 _HIGHEST = 0.8  # of the Nyquist frequency: above it recorders filter
-_ROUNDS = 3  # of weighting by the density that the last one said
+_ROUNDS = 3  # of weighting by the density of the last one
 _OF_ONE = 2.1  # variance of the logarithm of the median of many periodograms, times their number
 _LAW = 0.1  # by which real noise leaves such a law, in its logarithm
 _BETTER = 9.0  # by how much -2 log likelihood must fall for a steeper colour, which promises more noise
@@ -149,7 +149,7 @@ class NoiseFloor:
 
 
 def noise_floor(recording: Recording, force_n: Floats, unusable: Mask | None = None) -> NoiseFloor | None:
-    """The noise of the force; None where the recording is too short or too slow to show it by itself.
+    """Noise floor of the force; None where the recording is too short or too slow to show it by itself.
 
     `unusable`: samples whose force means nothing, such as the end of the cell's range, which has no noise.
     """
@@ -162,16 +162,16 @@ def noise_floor(recording: Recording, force_n: Floats, unusable: Mask | None = N
     step_m = _encoder_step_m(recording.position_m[piece])
     motion_hz = _motion_ends_hz(position, step_m, rate_hz)
     for stretch_s in _STRETCHES_S:
-        found = _above(force, position, step_m, rate_hz, stretch_s, motion_hz)
-        if found is not None:
-            return None if found.slope > _STEEPEST else found
+        floor = _above(force, position, step_m, rate_hz, stretch_s, motion_hz)
+        if floor is not None:
+            return None if floor.slope > _STEEPEST else floor
     return None
 
 
 def _above(
     force: Floats, position: Floats, step_m: float, rate_hz: float, stretch_s: float, motion_hz: float
 ) -> NoiseFloor | None:
-    """From stretches of that length; None where there are too few, or too little of the spectrum."""
+    """Floor from stretches of that length; None where there are too few, or too little of the spectrum."""
     count = int(stretch_s * rate_hz)
     if count < _LEAST_SAMPLES:
         return None
@@ -195,13 +195,13 @@ def _one_way(position: Floats, step_m: float, rate_hz: float, count: int) -> lis
     smooth = uniform_filter1d(position, width, mode="nearest")
     least_m = max(_TURNED * position_noise_m(position, rate_hz) / float(np.sqrt(width)), step_m)
     least_m += _ROUND_OFF * float(np.ptp(position))
-    found = []
+    starts = []
     for start in range(0, len(position) - count + 1, max(1, count // 2)):
         x = smooth[start : start + count]
         back = min(float(np.max(np.maximum.accumulate(x) - x)), float(np.max(x - np.minimum.accumulate(x))))
         if back <= least_m:
-            found.append(start)
-    return found
+            starts.append(start)
+    return starts
 
 
 def _encoder_step_m(position: Floats) -> float:
@@ -220,7 +220,7 @@ def _spectra(stretches: Floats, order: int) -> Floats:
 
 
 def _motion_ends_hz(position: Floats, step_m: float, rate_hz: float) -> float:
-    """Below it lies nearly all of the speed, the noise of the encoder aside."""
+    """Frequency below which 99.9 % of the speed's power lies, the noise of the encoder aside."""
     count = int(min(_MOTION_STRETCH_S * rate_hz, len(position)))
     starts = range(0, len(position) - count + 1, max(1, count // 2))
     power = _spectra(np.stack([position[start : start + count] for start in starts]), 1).mean(axis=0)
@@ -233,7 +233,7 @@ def _motion_ends_hz(position: Floats, step_m: float, rate_hz: float) -> float:
 
 
 def _fitted(frequency: Floats, density: Floats, stretches: int) -> NoiseFloor:
-    """The least steep slope that no steeper one betters by its likelihood; weights by the density itself."""
+    """Fits the floor to a density, with a steeper slope only where that clearly betters the likelihood."""
     edges = np.geomspace(frequency[0], frequency[-1] * 1.0001, _SMOOTHED_BINS + 1)
     place = np.digitize(frequency, edges) - 1
     used, counts = np.unique(place, return_counts=True)
@@ -243,11 +243,11 @@ def _fitted(frequency: Floats, density: Floats, stretches: int) -> NoiseFloor:
     best, least = NoiseFloor(float(np.median(s)), 0.0, 0.0), np.inf
     for slope in _SLOPES:
         columns = np.column_stack([np.ones_like(f), f**-slope])
-        said = s
+        predicted = s
         for _ in range(_ROUNDS):
-            (white, coloured), _ = nnls(columns / (said * doubt)[:, None], s / (said * doubt))
-            said = np.maximum(columns @ (white, coloured), 1e-300)
-        error = float(np.sum((np.log(s / said) / doubt) ** 2))
+            (white, coloured), _ = nnls(columns / (predicted * doubt)[:, None], s / (predicted * doubt))
+            predicted = np.maximum(columns @ (white, coloured), 1e-300)
+        error = float(np.sum((np.log(s / predicted) / doubt) ** 2))
         if error < least - _BETTER:
             best, least = NoiseFloor(float(white), float(coloured), slope), error
     return best

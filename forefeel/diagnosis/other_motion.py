@@ -44,23 +44,24 @@ only nearly right adds. Chosen by: python -m tests.hidden_effects.bench --other-
 """
 
 
-def with_expectation(found: Diagnosis, analysis: Analysis) -> Diagnosis:
-    """With the gain to expect of another motion, where a cause was named that the model's force shows."""
-    if found.verdict != "cause_found" or not set(analysis.fit.model) - {"bias"}:
-        return found
+def with_expectation(diagnosis: Diagnosis, analysis: Analysis) -> Diagnosis:
+    """Adds the gain to expect of another motion, where a cause was named that the model's force shows."""
+    if diagnosis.verdict != "cause_found" or not set(analysis.fit.model) - {"bias"}:
+        return diagnosis
     regression = analysis.regression
-    base, left_n = analysis.base, found.held_out.rmse_after_n
-    if found.noise_floor_n is None:
+    base, left_n = analysis.base, diagnosis.held_out.rmse_after_n
+    if diagnosis.noise_floor_n is None:
         noise_share = 1.0 - predictable_share(regression, regression.residual(analysis.fit))
     else:
-        noise_share = min(1.0, (found.noise_floor_n / left_n) ** 2)
-    return replace(found, other_motion=expected_gain(regression, base, analysis.fit, left_n, noise_share))
+        noise_share = min(1.0, (diagnosis.noise_floor_n / left_n) ** 2)
+    expected = expected_gain(regression, base, analysis.fit, left_n, noise_share)
+    return replace(diagnosis, other_motion=expected)
 
 
 def expected_gain(
     regression: RecordingRegression, base: ModelFit, fit: ModelFit, left_n: float, noise_share: float
 ) -> ExpectedGain | None:
-    """See the module. None where no other motion can be made of the recorded one.
+    """Gain on other motions, see the module; None where none can be made of the recorded one.
 
     Args:
         regression: of the recording.
@@ -73,7 +74,7 @@ def expected_gain(
     errors = rng.multivariate_normal(
         np.zeros(len(covariance)), covariance, _DRAWS, method="eigh", check_valid="ignore"
     )
-    here_n2 = float(np.mean(_missed(regression, base, fit) ** 2))
+    here_n2 = float(np.mean(_difference_n(regression, base, fit) ** 2))
     ratios: list[Floats] = []
     for other in _along_other_motions(regression, rng):
         wrong_n2, plain_n2, there_n2 = _powers(other, base, fit, errors)
@@ -93,19 +94,19 @@ def _powers(
 ) -> tuple[Floats, Floats, float]:
     """(|J d|^2, |J d + c|^2) of each draw, and |c|^2, in N^2."""
     j = np.hstack([plain_columns(other, fit), slopes_of(other, fit, white=False)])[other.signals.rows]
-    c = _missed(other, base, fit)
+    c = _difference_n(other, base, fit)
     gram, mixed, there_n2 = j.T @ j / len(j), j.T @ c / len(j), float(np.mean(c**2))
     wrong_n2 = np.maximum(np.einsum("di,ij,dj->d", errors, gram, errors), 0.0)
     return wrong_n2, np.maximum(wrong_n2 + 2.0 * errors @ mixed + there_n2, 0.0), there_n2
 
 
-def _missed(regression: RecordingRegression, base: ModelFit, fit: ModelFit) -> Floats:
-    """What the extended model says more than the simulation, in N, at the rows that count."""
+def _difference_n(regression: RecordingRegression, base: ModelFit, fit: ModelFit) -> Floats:
+    """Force of the extended model less the simulation's, in N, at the rows that count."""
     return np.asarray((regression.predicted(fit) - regression.predicted(base))[regression.signals.rows])
 
 
 def _along_other_motions(regression: RecordingRegression, rng: Generator) -> Iterator[RecordingRegression]:
-    """The same bench along motions that it did not make."""
+    """Yields regressions of the same bench along motions that it did not make."""
     signals = regression.signals
     piece = max(signals.piecewise(), key=lambda p: p.stop - p.start)
     inside = np.flatnonzero(signals.recorded[piece]) + piece.start
@@ -122,6 +123,7 @@ def _along_other_motions(regression: RecordingRegression, rng: Generator) -> Ite
 
 
 def _other_paths(t: Floats, x: Floats, rng: Generator) -> Iterator[Floats]:
+    """Yields positions at `t`: reversed, mirrored, smaller, slower, quicker, surrogates, ramps with rests."""
     low, high, middle = float(x.min()), float(x.max()), float(np.median(x))
     yield x[::-1].copy()
     yield low + high - x
@@ -141,16 +143,16 @@ def _other_paths(t: Floats, x: Floats, rng: Generator) -> Iterator[Floats]:
 
 
 def _surrogate(x: Floats, rng: Generator) -> Floats:
-    """The same spectrum with other phases, within the same range."""
+    """Positions of the same spectrum with other phases, within the same range."""
     slope = np.linspace(x[0], x[-1], len(x))
     spectrum = rfft(x - slope)
     turned = spectrum * np.exp(2j * np.pi * rng.random(len(spectrum)))
-    found = np.asarray(irfft(turned, len(x)))
-    return np.asarray(x.min() + (found - found.min()) * np.ptp(x) / max(float(np.ptp(found)), 1e-300))
+    path = np.asarray(irfft(turned, len(x)))
+    return np.asarray(x.min() + (path - path.min()) * np.ptp(x) / max(float(np.ptp(path)), 1e-300))
 
 
 def _ramps(t: Floats, low: float, high: float, slow: float, fast: float, rng: Generator) -> Floats:
-    """From place to place, each at a speed between the two, with rests of up to a second."""
+    """Positions of ramps from place to place, each at a speed between the two, with rests of up to 1 s."""
     times, places = [float(t[0])], [float(rng.uniform(low, high))]
     while times[-1] < t[-1]:
         target = float(rng.uniform(low, high))

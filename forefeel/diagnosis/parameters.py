@@ -63,8 +63,8 @@ def intervals(
     }
 
 
-def told(parameters: dict[str, Interval]) -> dict[str, Interval]:
-    """Without a second element that can not be told from none."""
+def significant(parameters: dict[str, Interval]) -> dict[str, Interval]:
+    """Parameters without those of a second element whose stiffness may be zero."""
     second = parameters.get("second_stiffness_n_m")
     if second is None or second.low > 0.0:
         return parameters
@@ -72,6 +72,7 @@ def told(parameters: dict[str, Interval]) -> dict[str, Interval]:
 
 
 def _interval(value: float, drawn: Floats, moved: float, least: float) -> Interval:
+    """Interval of 95 % of the draws, widened on each side by how far the value `moved`; not below `least`."""
     drawn = drawn[np.isfinite(drawn)]
     low, high = np.quantile(drawn, (0.025, 0.975)) if len(drawn) else (value, value)
     doubt = abs(moved) if np.isfinite(moved) else 0.0
@@ -86,19 +87,20 @@ def _point(fit: ModelFit) -> Floats:
 
 
 def _named(regression: RecordingRegression, fit: ModelFit, theta: Floats) -> dict[str, Values]:
-    """By cause, mass, damping and stiffness under ""; `theta`: coefficients and shapes as in `_point`."""
+    """Named parameters by cause, of mass, damper and spring under ""; `theta`: as of `_point`."""
     linear, shapes = theta[: len(fit.owners)] * regression.sense, iter(theta[len(fit.owners) :])
     base = linear[:3]
     named: dict[str, Values] = {"": dict(zip(BASE, base, strict=True))}
     for name, shape in fit.model.items():
-        own = linear[[i for i, owner in enumerate(fit.owners) if owner == name]]
-        fitted = Fitted(own, tuple(islice(shapes, len(shape))), base, regression.signals.origin_s)
+        coefficients = linear[[i for i, owner in enumerate(fit.owners) if owner == name]]
+        drawn = tuple(islice(shapes, len(shape)))
+        fitted = Fitted(coefficients, drawn, base, regression.signals.origin_s)
         named[base_name(name)] = CANDIDATES[name].named(fitted)
     return named
 
 
 def covariance_of(regression: RecordingRegression, fit: ModelFit) -> Floats:
-    """Of coefficients, then shapes; of residuals of any memory shorter than a block."""
+    """Covariance of coefficients, then shapes; holds for residuals of any memory shorter than a block."""
     jacobian = np.column_stack([regression.design(fit.model), slopes_of(regression, fit)])
     design = jacobian[:, : len(fit.coefficients)]
     scale = np.sqrt(np.sum(jacobian**2, axis=0))
@@ -116,7 +118,7 @@ def covariance_of(regression: RecordingRegression, fit: ModelFit) -> Floats:
 
 def _robust(jacobian: Floats, residual: Floats, inverse: Floats) -> Floats:
     """Variances that hold for residuals of any memory shorter than a block (Liang and Zeger, 1986)."""
-    blocks = zip(*(np.array_split(each, _BLOCKS) for each in (jacobian, residual)), strict=True)
+    blocks = zip(*(np.array_split(rows, _BLOCKS) for rows in (jacobian, residual)), strict=True)
     moved = np.array([block.T @ left for block, left in blocks]) @ inverse
     return np.asarray(np.sum(moved**2, axis=0) * _BLOCKS / (_BLOCKS - 1))
 

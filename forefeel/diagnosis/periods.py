@@ -1,4 +1,4 @@
-"""What repeats: lines in a residual, and the motion itself, whose harmonics look like lines."""
+"""Periods: of lines in a residual, and of the motion itself, whose harmonics look like lines."""
 
 from functools import cached_property
 
@@ -35,7 +35,7 @@ class Periods:
         self.lowest_hz = max(PULSATION_HZ[0], _LEAST_CYCLES / regression.extent.duration_s)
 
     def lines(self, fit: ModelFit, count: int = 4) -> list[Shape]:
-        """The strongest lines of the whitened residual where pulses can be, and their halves."""
+        """Frequencies in Hz of the strongest lines of the residual where pulses can be, and their halves."""
         regression = self.regression
         rate = regression.signals.coarse_rate_hz
         residual = np.zeros(len(regression.rows))
@@ -64,13 +64,13 @@ class Periods:
         rows = rows[:: 1 + len(rows) // _MOST_SAMPLES]
         blocks = [regression.block(fit.model, name, shape) for name, shape in [("", ()), *fit.model.items()]]
         known, _ = np.linalg.qr(np.column_stack([np.ones(len(rows)), *(block[rows] for block in blocks)]))
-        residual = _beside(known, regression.residual(fit)[rows])
+        residual = _orthogonal(known, regression.residual(fit)[rows])
         x = regression.signals.column(regression.signals.spectrum(regression.motion(fit.model).x))[rows]
         motion = Motion(x, x, x, x, x)
 
         def power(waves: float) -> float:
-            """What such waves explain of the residual."""
-            columns = _beside(known, PositionMap(period_m=range_m / waves).columns(motion))
+            """Power of the residual that so many waves over the range explain."""
+            columns = _orthogonal(known, PositionMap(period_m=range_m / waves).columns(motion))
             moment = columns.T @ residual
             return float(moment @ np.linalg.lstsq(columns.T @ columns, moment, rcond=1e-9)[0])
 
@@ -81,11 +81,11 @@ class Periods:
             tops.append(float(tried[int(np.argmax(powers))]))
             powers[np.abs(tried - tops[-1]) < _APART] = 0.0
         near = [(waves - _WAVE_STEP, waves + _WAVE_STEP) for waves in sorted(tops, reverse=True)]
-        found = [minimize_scalar(lambda w: -power(w), bounds=each, method="bounded").x for each in near]
-        return [(range_m / float(waves),) for waves in found]
+        best = [minimize_scalar(lambda w: -power(w), bounds=ends, method="bounded").x for ends in near]
+        return [(range_m / float(waves),) for waves in best]
 
     def resolved(self, name: str, shape: Shape) -> bool:
-        """Whether the motion has frequencies within a mode's width; one that repeats has harmonics only."""
+        """True if the motion has frequencies within a mode's width; one that repeats has harmonics only."""
         if base_name(name) != UnmodelledResonance.name:
             return True
         period_s = self._motion_period_s
@@ -96,9 +96,7 @@ class Periods:
 
     @cached_property
     def _motion_period_s(self) -> float | None:
-        """With which the motion repeats, in the speed: a stand before it and a middle that creeps are not in
-        that. None when it does not.
-        """
+        """Period in s of the speed, which a creeping middle does not change; None when it does not repeat."""
         signals = self.regression.signals
         piece = max(signals.piecewise(), key=lambda p: p.stop - p.start)
         v = signals.fine_v[piece][signals.recorded[piece]]
@@ -115,7 +113,7 @@ class Periods:
         return float(again[0] + int(np.argmax(first))) / rate
 
     def echo(self, fit: ModelFit) -> bool:
-        """Whether most of the pulses' power is at harmonics of a motion that repeats."""
+        """True if most of the pulsation's power is at harmonics of a motion that repeats."""
         period_s, (frequency_hz,) = self._motion_period_s, fit.model[Pulsation.name]
         if period_s is None:
             return False
@@ -128,5 +126,5 @@ class Periods:
         return bool(power[near].sum() > 0.5 * power.sum())
 
 
-def _beside(known: Floats, columns: Floats) -> Floats:
+def _orthogonal(known: Floats, columns: Floats) -> Floats:
     return np.asarray(columns - known @ (known.T @ columns))

@@ -36,7 +36,7 @@ class Question:
 
 
 def question(recording: Recording) -> Question | None:
-    """What should be asked about the units before anything is diagnosed; None: nothing."""
+    """Question about the units, to be asked before a diagnosis; None where all is usual."""
     rate_hz, travel_m = recording.rate_hz, float(np.ptp(recording.position_m))
     if not _RATES_HZ[0] <= rate_hz <= _RATES_HZ[1]:
         return Question("time", f"is sampled at {rate_hz:.3g} Hz", _thousands(rate_hz / _USUAL_HZ))
@@ -45,10 +45,12 @@ def question(recording: Recording) -> Question | None:
     if travel_m == 0.0 or force_n == 0.0:  # refused for that
         return None
     speed_m_s = float(np.sum(np.abs(np.diff(recording.position_m)))) / recording.duration_s
-    return _of_motion(travel_m, speed_m_s, force_n / travel_m) or _of_force(force_n, force_n / travel_m)
+    return _position_question(travel_m, speed_m_s, force_n / travel_m) or _force_question(
+        force_n, force_n / travel_m
+    )
 
 
-def _of_motion(travel_m: float, speed_m_s: float, stiffness_n_m: float) -> Question | None:
+def _position_question(travel_m: float, speed_m_s: float, stiffness_n_m: float) -> Question | None:
     spans, usual = f"spans {quantity(travel_m, 'm')}", _thousands(_USUAL_M / travel_m)
     if travel_m < _TRAVELS_M[0]:
         return Question("position", spans, usual)
@@ -59,7 +61,7 @@ def _of_motion(travel_m: float, speed_m_s: float, stiffness_n_m: float) -> Quest
     return None
 
 
-def _of_force(force_n: float, stiffness_n_m: float) -> Question | None:
+def _force_question(force_n: float, stiffness_n_m: float) -> Question | None:
     spans = f"spans {quantity(force_n, 'N')}"
     if force_n < _FORCES_N[0]:
         return Question("force", spans, 1e3)

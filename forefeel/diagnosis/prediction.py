@@ -28,7 +28,7 @@ class Across:
 
 
 def across_delay(recording: Recording, extended: ContactModel) -> Across:
-    """Replays the recording as `forefeel evaluate` does; of long ones the first 20,000 samples.
+    """Errors across the delay, by a replay as of `forefeel evaluate`; of long ones the first 20,000 samples.
 
     Raises:
         RecordingError: too short for a prediction across the delay.

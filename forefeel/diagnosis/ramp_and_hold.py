@@ -50,8 +50,8 @@ class Hold:
     def branches(self, log_times: Floats) -> Floats:
         """Columns of k, f_0 and each branch."""
         decays = [np.exp(-intervals_s(self.t) / tau) for tau in np.exp(log_times)]
-        own = [self.x - SettledLag.run(self.x, decay) for decay in decays]
-        return np.column_stack([self.x, np.ones_like(self.x), *own])
+        springs = [self.x - SettledLag.run(self.x, decay) for decay in decays]
+        return np.column_stack([self.x, np.ones_like(self.x), *springs])
 
     @property
     def since_s(self) -> Floats:
@@ -59,23 +59,24 @@ class Hold:
 
     @property
     def bins(self) -> NDArray[np.int64]:
-        """Of each sample of the hold, even in the logarithm of the time since it began."""
+        """Bin of each sample of the hold, even in the logarithm of the time since it began."""
         since_s = self.since_s
         first_s = max(float(since_s[min(3, len(since_s) - 1)]), 1e-3 * float(since_s[-1]))
         edges_s = np.geomspace(first_s, since_s[-1], _BINS)[:-1]
         return np.asarray(np.searchsorted(edges_s, since_s, side="right"))
 
     def fitted(self) -> list[Separable]:
+        """Fits of a spring with no, one and two branches."""
         times = np.log(np.geomspace(4.0 * np.median(np.diff(self.t)), 0.5 * self.since_s[-1], _TIMES))
         starts = [list(map(np.array, combinations(times, count))) for count in range(3)]
-        return [separable(self.branches, self.f, each) for each in starts]
+        return [separable(self.branches, self.f, points) for points in starts]
 
     def relaxes(self) -> bool:
-        """Whether it fades early and much, as a Prony series and not as a line."""
+        """True if the force fades early and much, as a Prony series and not as a line."""
         since_s, f, bins = self.since_s, self.f[self.run], self.bins
         count = np.bincount(bins)
         used = count > 0
-        until_s, mean = (np.bincount(bins, each)[used] / count[used] for each in (since_s, f))
+        until_s, mean = (np.bincount(bins, values)[used] / count[used] for values in (since_s, f))
         rise = float(mean[0]) - float(self.f[0] if self.run.start else f[0])
         fading = (mean[0] - mean) * np.sign(rise)
         early = float(np.interp(_EARLY * since_s[-1], until_s, fading))
@@ -98,8 +99,8 @@ class Hold:
         return left[self.run]
 
 
-def held(recording: Recording) -> Hold | None:
-    """None where the recording is no ramp and hold."""
+def find_hold(recording: Recording) -> Hold | None:
+    """The ramp and hold that a recording is; None where it is none."""
     assert recording.force_n is not None
     every = slice(None, None, 1 + len(recording) // _MOST_SAMPLES)
     t, x, f = (c[every] for c in (recording.time_s, recording.position_m, recording.force_n))
@@ -114,57 +115,57 @@ def held(recording: Recording) -> Hold | None:
 
 
 def diagnosed_hold(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
-    """Whether the material relaxes during the hold; nothing else is told by one. None without a hold.
+    """Diagnosis of a ramp and hold, which names relaxation or nothing. None where the recording is none.
 
     Raises:
         RecordingError: too few samples in a row.
     """
-    hold = held(recording)
+    hold = find_hold(recording)
     if hold is None:
         return None
     spring, one, two = hold.fitted()
     sense = float(np.sign(spring.theta[0])) or 1.0
     better = np.sum(two.left**2) < _SECOND * np.sum(one.left**2)
-    found = two if better and _known(two, sense) else one  # a ramp that bends makes a second one of any sign
-    relaxes = _known(found, sense) and hold.relaxes()
-    found = found if relaxes else spring
-    before, after = (hold.held_out(each.log_shape) for each in (spring, found))
+    fit = two if better and _known(two, sense) else one  # a ramp that bends makes a second one of any sign
+    relaxes = _known(fit, sense) and hold.relaxes()
+    fit = fit if relaxes else spring
+    before, after = (hold.held_out(model.log_shape) for model in (spring, fit))
     held_out = gain_over(hold.bins, before, after)
-    models = _model(spring, before, hold, sense), _model(found, after, hold, sense)
-    causes = (_relaxation(found, sense, held_out),) if relaxes else ()
-    analysis = fitted_elsewhere(recording, clean(recording), sense, *map(_coefficients, (spring, found)))
+    models = _model_error(spring, before, hold, sense), _model_error(fit, after, hold, sense)
+    causes = (_relaxation(fit, sense, held_out),) if relaxes else ()
+    analysis = fitted_elsewhere(recording, clean(recording), sense, *map(_coefficients, (spring, fit)))
     verdict: VerdictName = "cause_found" if relaxes else "nothing_found"
     motion, flags = None if relaxes else GENERAL_MOTION, (*analysis.flags(), FLAG)
     return Diagnosis(verdict, causes, (), motion, flags, None, *models, held_out), analysis
 
 
-def _known(found: Separable, sense: float) -> bool:
-    """Whether each branch is stiffer than its doubt."""
-    return bool(np.all(sense * found.theta[2:] > found.doubts()[len(found.log_shape) + 2 :]))
+def _known(fit: Separable, sense: float) -> bool:
+    """True if each branch is stiffer than its doubt."""
+    return bool(np.all(sense * fit.theta[2:] > fit.doubts()[len(fit.log_shape) + 2 :]))
 
 
-def _coefficients(found: Separable) -> tuple[Model, list[float]]:
-    """The model, its mass, damping, stiffness and bias, and each branch with nothing of an earlier stroke."""
-    shape = tuple(map(float, np.exp(found.log_shape)))
+def _coefficients(fit: Separable) -> tuple[Model, list[float]]:
+    """Model, and its mass, damping, stiffness, bias and each branch with nothing of an earlier stroke."""
+    shape = tuple(map(float, np.exp(fit.log_shape)))
     name = "stress_relaxation:two" if len(shape) == 2 else StressRelaxation.name
-    branches = [value for size in found.theta[2:] for value in (size, 0.0)]
-    return {"bias": (), **({name: shape} if shape else {})}, [0.0, 0.0, *found.theta[:2], *branches]
+    branches = [value for size in fit.theta[2:] for value in (size, 0.0)]
+    return {"bias": (), **({name: shape} if shape else {})}, [0.0, 0.0, *fit.theta[:2], *branches]
 
 
-def _relaxation(found: Separable, sense: float, held: HeldOut) -> Cause:
-    doubts, count = found.doubts(), len(found.log_shape)
+def _relaxation(fit: Separable, sense: float, held_out: HeldOut) -> Cause:
+    doubts, count = fit.doubts(), len(fit.log_shape)
     parameters = {}
     for i, (stiffness, time) in enumerate(_NAMES[:count]):
-        parameters[stiffness] = Interval.about(sense * found.theta[2 + i], doubts[count + 2 + i])
-        ends = np.exp(found.log_shape[i] + doubts[i] * np.array([0.0, -1.0, 1.0]))
+        parameters[stiffness] = Interval.about(sense * fit.theta[2 + i], doubts[count + 2 + i])
+        ends = np.exp(fit.log_shape[i] + doubts[i] * np.array([0.0, -1.0, 1.0]))
         parameters[time] = Interval(*map(float, ends))
     words = "the force of the hold fades as a Prony series that foretells every second part of it"
-    return Cause.fitted(StressRelaxation.name, parameters, 0.0, held, words)
+    return Cause.fitted(StressRelaxation.name, parameters, 0.0, held_out, words)
 
 
-def _model(found: Separable, errors: Floats, hold: Hold, sense: float) -> ModelError:
+def _model_error(fit: Separable, errors: Floats, hold: Hold, sense: float) -> ModelError:
     stiffness, bias = (
-        Interval.about(sense * found.theta[i], found.doubts()[len(found.log_shape) + i]) for i in (0, 1)
+        Interval.about(sense * fit.theta[i], fit.doubts()[len(fit.log_shape) + i]) for i in (0, 1)
     )
     rms_n = float(np.sqrt(np.mean(errors**2)))
     parameters = {"": {"stiffness_n_m": stiffness}, "bias": {"force_n": bias}}

@@ -25,8 +25,8 @@ class Refiner:
         return self.regression.fit(model)
 
     def refined(self, fit: ModelFit, only: str | None = None, sweeps: int = 2, most: int = 70) -> ModelFit:
-        """Shapes by bounded scalar searches in turn, each between its neighbours on the grid; shapes of one
-        cause jointly, in at most `most` trials.
+        """Refines shapes by bounded scalar searches in turn, each between its neighbours on the grid; shapes
+        of one cause jointly, in at most `most` trials.
         """
         names = [n for n, shape in fit.model.items() if shape and (only is None or n == only)]
         for sweep in range(sweeps if len(names) > 1 or any(len(fit.model[n]) > 1 for n in names) else 1):
@@ -41,8 +41,8 @@ class Refiner:
         return fit
 
     def _refine_jointly(self, fit: ModelFit, name: str, most: int) -> ModelFit:
-        """Shapes of one cause that trade against each other: a simplex, on their logarithms where the
-        candidate says so; else in their ranges on the grid.
+        """Refines shapes of one cause that trade against each other by a simplex, on their logarithms where
+        the candidate says so; else in their ranges on the grid.
         """
         best = lowest = fit
         logarithmic = CANDIDATES[name].logarithmic
@@ -58,6 +58,7 @@ class Refiner:
         steps = [0.5 / max(1, len(np.unique(column)) - 1) for column in grid.T]
 
         def cost(z: Floats) -> float:
+            """Score, worse where not allowed; remembers the best feasible and the lowest fit."""
             nonlocal best, lowest
             values = np.exp(z) if logarithmic else zero + scale * z
             shape = tuple(float(value) for value in values)
@@ -84,10 +85,12 @@ class Refiner:
         return best if best.score < lowest.score + 1.0 else lowest
 
     def _refine_alone(self, fit: ModelFit, name: str, wide: bool) -> ModelFit:
+        """Refines the one shape of a cause by a bounded search; the best feasible fit, or the one given."""
         low, high, logarithmic = self._bracket(CANDIDATES[name], fit.model[name][0], wide)
         best = fit
 
         def cost(z: float) -> float:
+            """Score; remembers the best feasible fit."""
             nonlocal best
             value = float(np.exp(z)) if logarithmic else float(z)
             trial = self.fit({**fit.model, name: (value,)})
@@ -101,7 +104,7 @@ class Refiner:
         return best
 
     def _bracket(self, candidate: Candidate, value: float, wide: bool) -> tuple[float, float, bool]:
-        """Lowest and highest, and whether they are logarithms."""
+        """Lowest and highest value of a shape's search, and True if they are logarithms."""
         if isinstance(candidate, Periodic):
             reach = (0.6 if wide else 0.1) / self.regression.extent.duration_s
             return max(value - min(reach, 0.3 * value), self.periods.lowest_hz), value + reach, False

@@ -46,7 +46,7 @@ _DEPENDENT_NORMAL = 1e-6  # inner products hold half of the digits
 
 
 def solve(design: Floats, target: Floats) -> tuple[Floats, float]:
-    """(coefficients, residual sum of squares); of dependent columns the later ones get zero."""
+    """Least squares: (coefficients, residual sum of squares); later dependent columns get zero."""
     scale = np.sqrt(np.einsum("ij,ij->j", design, design))
     scale[scale == 0.0] = 1.0
     q, r = np.linalg.qr(design / scale)
@@ -63,7 +63,7 @@ def solve(design: Floats, target: Floats) -> tuple[Floats, float]:
 
 
 def solve_normal(gram: Floats, moment: Floats) -> tuple[Floats, float]:
-    """(coefficients, explained sum of squares); of dependent columns the later ones get zero."""
+    """Normal equations: (coefficients, explained sum of squares); later dependent columns get zero."""
     if not len(moment):
         return np.empty(0), 0.0
     scale = np.sqrt(np.diag(gram))
@@ -84,7 +84,7 @@ def solve_normal(gram: Floats, moment: Floats) -> tuple[Floats, float]:
 
 
 def solve_passive(gram: Floats, moment: Floats, sense: float, first: int) -> tuple[Floats, float]:
-    """As `solve_normal`; the `first` coefficients have the sense of the force or are zero.
+    """Normal equations in which the `first` coefficients have the sense of the force or are zero.
 
     Where one of them has not, every set of them is tried: two that a sine does not tell apart, as mass and
     stiffness, are large and of both signs, and no sequence of leaving out finds the best set.
@@ -104,7 +104,7 @@ def solve_passive(gram: Floats, moment: Floats, sense: float, first: int) -> tup
 
 
 BASE = ("mass_kg", "damping_n_s_m", "stiffness_n_m")
-_KEPT_BYTES, _KEPT_SPECTRA_BYTES = 1.5e8, 1e8
+_BLOCK_BYTES, _SPECTRA_BYTES = 1.5e8, 1e8
 _WHITE = 2  # taps of no colour
 _FROM_THE_STAGE: tuple[Site, ...] = "sensor", "shaft"  # sites that a mass before the contact may have
 C = TypeVar("C", bound=Changing)
@@ -165,7 +165,7 @@ class RecordingRegression:
         signals: Signals,
         speed_band: float,
         parts_s: tuple[float, ...] = (),
-        seen: Look | None = None,
+        look_result: Look | None = None,
     ) -> None:
         self.signals, self.parts_s = signals, parts_s
         self.extent = extent_of(signals, speed_band)
@@ -181,22 +181,23 @@ class RecordingRegression:
         self._whitened: OrderedDict[object, Block] = OrderedDict()
         self._made = 0
         self._aligning: tuple[object, Spectrum | None] = (), None
-        self._kept, self._kept_spectra = (
-            int(np.clip(most / (16.0 * len(s.t)), 16, 4000)) for most in (_KEPT_BYTES, _KEPT_SPECTRA_BYTES)
+        self._most_blocks, self._most_spectra = (
+            int(np.clip(most / (16.0 * len(s.t)), 16, 4000)) for most in (_BLOCK_BYTES, _SPECTRA_BYTES)
         )
         self._base = np.stack([s.linear_spectrum(d) for d in (2, 1, 0)])
-        self.look = look(s, self._motion) if seen is None else seen
+        self.look = look(s, self._motion) if look_result is None else look_result
         self.sense = self.look.sense
         self.whiten_by(white())
 
     def like(self, signals: Signals) -> "RecordingRegression":
-        """The same bench along another motion: band, noise, extent and look are this one's."""
-        other = RecordingRegression(signals, self.extent.speed_band, seen=self.look)
+        """Regression of the same bench along another motion, with this one's band, noise, extent and look."""
+        other = RecordingRegression(signals, self.extent.speed_band, look_result=self.look)
         other.extent = self.extent
         other.whiten_by(self.noise)
         return other
 
     def whiten_by(self, noise: Noise) -> None:
+        """Sets the noise, and with it the rows that count; forgets all whitened columns."""
         self.noise = noise
         self.coloured = len(noise.taps) > _WHITE
         pieces = self.signals.piecewise(fine=False)
@@ -210,7 +211,7 @@ class RecordingRegression:
         self._products: dict[tuple[int, int], Floats] = {}
 
     def fit(self, model: Model) -> ModelFit:
-        """Least squares at these shapes, by inner products that are remembered."""
+        """Least-squares fit at these shapes; inner products are remembered."""
         blocks = self._blocks(model)
         named = zip(["", *model], blocks, strict=True)
         owners = tuple(name for name, block in named for _ in range(block.columns.shape[1]))
@@ -218,8 +219,8 @@ class RecordingRegression:
         coefficients, explained = solve_passive(gram, moment, self.sense, len(BASE))
         rss = self._power - explained
         if rss < _CANCELLED * self._power:
-            kept = coefficients != 0.0
-            coefficients[kept], rss = solve(self.design(model)[:, kept], self.target)
+            used = coefficients != 0.0
+            coefficients[used], rss = solve(self.design(model)[:, used], self.target)
         n = len(self.target)
         penalty, feasible = penalty_of(owners, model, n), self._feasible(model, owners, coefficients)
         return ModelFit(model, coefficients, owners, max(rss, 1e-300), n, penalty, feasible)
@@ -229,7 +230,7 @@ class RecordingRegression:
         return np.hstack([block.columns for block in self._blocks(model)])
 
     def no_peak(self, model: Model) -> bool:
-        """Whether a mode in the model is too damped, or too near the end of the band, to be known by it."""
+        """True if a mode in the model is too damped, or too near the end of the band, to show a peak."""
         highest = HIGHEST_MODE * self.signals.cutoff_hz
         modes = [s for n, s in model.items() if base_name(n) == UnmodelledResonance.name]
         return any(s[0] > highest or s[1] > MOST_DAMPED for s in modes)
@@ -248,13 +249,14 @@ class RecordingRegression:
         return gram, moment
 
     def _product(self, a: "Block", b: "Block") -> Floats:
-        found = self._products.get((a.number, b.number))
-        if found is None:
+        """Inner products of two blocks' columns, computed once."""
+        product = self._products.get((a.number, b.number))
+        if product is None:
             if len(self._products) > _MOST_PRODUCTS:
                 self._products.clear()
-            found = a.columns.T @ b.columns
-            self._products[a.number, b.number], self._products[b.number, a.number] = found, found.T
-        return found
+            product = a.columns.T @ b.columns
+            self._products[a.number, b.number], self._products[b.number, a.number] = product, product.T
+        return product
 
     def block(self, model: Model, name: str, shape: Shape) -> Floats:
         """Filtered columns in N of one cause within a model, on the coarse grid, not whitened."""
@@ -286,8 +288,8 @@ class RecordingRegression:
                 total += block @ fit.of(name)
         return total
 
-    def given(self, model: ContactModel) -> Floats:
-        """The force of another model along the recorded motion, on the coarse grid; its positive resists."""
+    def force_of(self, model: ContactModel) -> Floats:
+        """Force of another model, whose positive resists, along the recorded motion, on the coarse grid."""
         m, start_s = self._motion, self.signals.origin_s
         forces = [model.runtime().forces_n(m.t[p] + start_s, m.x[p], m.v[p], m.a[p]) for p in m.pieces]
         return self.sense * self.signals.column(self.signals.spectrum(np.concatenate(forces)))
@@ -311,17 +313,18 @@ class RecordingRegression:
         return [self._white_block(model, moved, *cause) for cause in [("", ()), *model.items()]]
 
     def _white_block(self, model: Model, moved: Frame, name: str, shape: Shape) -> "Block":
+        """Whitened columns of a cause, from the cache or made anew."""
         key = (() if isinstance(CANDIDATES.get(name), ReadingColumns) else moved), name, shape
         if key not in self._whitened:
             columns = self._white_columns(model, name, shape)
             self._made += 1
-            _keep(self._whitened, key, Block(columns, columns.T @ self.target, self._made), self._kept)
+            _keep(self._whitened, key, Block(columns, columns.T @ self.target, self._made), self._most_blocks)
         else:
             self._whitened.move_to_end(key)
         return self._whitened[key]
 
     def _white_columns(self, model: Model, name: str, shape: Shape) -> Floats:
-        """Whitened in the spectrum: what wraps around falls on rows that do not count."""
+        """Columns of a cause, whitened in the spectrum: what wraps around falls on rows that do not count."""
         candidate = CANDIDATES.get(name)
         if isinstance(candidate, Periodic):
             return self._white(self.block(model, name, shape))
@@ -334,15 +337,17 @@ class RecordingRegression:
         return self.noise.whiten(columns, self._pieces)[self.rows] / self.noise.innovation_n
 
     def _columns(self, model: Model, name: str, shape: Shape, candidate: Candidate | None) -> Spectrum:
+        """Spectra of a cause's columns before alignment, from the cache or made anew."""
         moved = frame(model, Transmission, Modulation)
         if candidate is None and not moved:
             return self._base
         key = (moved, name, shape)
         if key not in self._spectra:
-            _keep(self._spectra, key, self._fresh(model, shape, candidate), self._kept_spectra)
+            _keep(self._spectra, key, self._computed(model, shape, candidate), self._most_spectra)
         return self._spectra[key]
 
-    def _fresh(self, model: Model, shape: Shape, candidate: Candidate | None) -> Spectrum:
+    def _computed(self, model: Model, shape: Shape, candidate: Candidate | None) -> Spectrum:
+        """Spectra of a cause's columns along the model's motion, times its modulations."""
         motion = self.motion(model)
         if isinstance(candidate, Mode):
             moved = motion is not self._motion
@@ -351,7 +356,8 @@ class RecordingRegression:
         if isinstance(candidate, ReadingColumns):
             return self.signals.spectrum(candidate.columns(motion.t, shape).T)
         if candidate is None:
-            columns = [self._accelerated(model, motion), motion.v * motion.touching, motion.x]
+            at = {"sensor": self._motion.a, "shaft": motion.a, "wall": motion.a * motion.touching}
+            columns = [at[mass_site(model)], motion.v * motion.touching, motion.x]
         elif isinstance(candidate, Transmission):
             columns = [motion.a]
         elif isinstance(candidate, Modulation):
@@ -367,27 +373,24 @@ class RecordingRegression:
             columns = [columns[0] if carried else factor * columns[0], *(factor * c for c in columns[1:])]
         return self.signals.spectrum(np.stack(columns))
 
-    def _accelerated(self, model: Model, motion: MotionGrid) -> Floats:
-        at = {"sensor": self._motion.a, "shaft": motion.a, "wall": motion.a * motion.touching}
-        return np.asarray(at[mass_site(model)])
-
     def _feasible(self, model: Model, owners: tuple[str, ...], coefficients: Floats) -> bool:
+        """True if signs, modes, plays and the cell's zero are possible in this model."""
         if self.no_peak(model):
             return False
         signs = [sign for name in model for sign in CANDIDATES[name].signs]
         if any(np.multiply(signs, self.sense * coefficients[len(BASE) :]) < 0.0):
             return False
-        return self._plays_on_both_sides(model) and self._zero_is_kept(model, owners, coefficients)
+        return self._plays_on_both_sides(model) and self._zero_is_offset(model, owners, coefficients)
 
-    def _zero_is_kept(self, model: Model, owners: tuple[str, ...], coefficients: Floats) -> bool:
-        """Whether the reading at which a factor takes the tip's force to be zero is the cell's offset."""
+    def _zero_is_offset(self, model: Model, owners: tuple[str, ...], coefficients: Floats) -> bool:
+        """True if every factor takes the tip's force to be zero near the cell's offset."""
         offset_n = float(coefficients[owners.index("bias")]) if "bias" in owners else 0.0
         near_n = _NEAR_ZERO * (self.extent.high_n - self.extent.low_n)
-        zeros_n = (shape[-1] for each, shape in changing(model, Modulation) if each.by_tip)
+        zeros_n = (shape[-1] for modulation, shape in changing(model, Modulation) if modulation.by_tip)
         return all(abs(zero_n - offset_n) < near_n for zero_n in zeros_n)
 
     def _plays_on_both_sides(self, model: Model) -> bool:
-        """Whether the instrument lies against each side of a play for a while: else it is a wall's begin."""
+        """True if the instrument lies against both sides of every play for a while; if not, it is a wall."""
         for name, shape in model.items():
             if issubclass(cause_class(name), Backlash):
                 behind = self.motion({name: shape}).x - self._motion.x
@@ -402,28 +405,28 @@ def _has_no_column(candidate: Candidate | None) -> bool:
 
 
 def frame(model: Model, *kinds: type[Changing]) -> Frame:
-    """What in a model changes the columns of all others; sorted, so that it can be a key."""
+    """Causes of these kinds, which change the columns of all others, with shapes; sorted to be a key."""
     return tuple(sorted((n, shape) for n, shape in model.items() if isinstance(CANDIDATES[n], kinds)))
 
 
 def changing(model: Model, kind: type[C]) -> list[tuple[C, Shape]]:
-    """Of one kind, in the order of `frame`: a play stands before a contact."""
-    found = [(CANDIDATES[name], shape) for name, shape in frame(model, kind)]
-    return [(each, shape) for each, shape in found if isinstance(each, kind)]
+    """Candidates of one kind with their shapes, in the order of `frame`: a play stands before a contact."""
+    pairs = [(CANDIDATES[name], shape) for name, shape in frame(model, kind)]
+    return [(candidate, shape) for candidate, shape in pairs if isinstance(candidate, kind)]
 
 
 def mass_site(model: Model) -> Site:
-    """Where the mass is, by the motion that it makes."""
-    sites = {each.mass_site for each, _ in changing(model, Changing)}
+    """Site whose motion the mass makes: one before the contact if a cause puts it there, else the wall."""
+    sites = {candidate.mass_site for candidate, _ in changing(model, Changing)}
     return next((site for site in _FROM_THE_STAGE if site in sites), "wall")
 
 
 def alignment(omega: Floats, model: Model) -> Spectrum | None:
-    """What late stamps, a slow load cell, a weak fixture do to a spectrum; None when the model has none."""
+    """Transfer of late stamps, a slow load cell and a weak fixture; None when the model has none."""
     factor: Spectrum | None = None
-    for each, shape in changing(model, Alignment):
-        own = each.factor(omega, shape)
-        factor = own if factor is None else factor * own
+    for candidate, shape in changing(model, Alignment):
+        transfer = candidate.factor(omega, shape)
+        factor = transfer if factor is None else factor * transfer
     return factor
 
 
@@ -433,7 +436,7 @@ def penalty_of(owners: tuple[str, ...], model: Model, n: int) -> float:
 
 
 def _as_slice(rows: Mask) -> Mask | slice:
-    """The same rows as a slice where they are in one run: much quicker."""
+    """Rows as a slice where they are in one run, which indexes much faster; else as they are."""
     index = np.flatnonzero(rows)
     whole = len(index) and index[-1] - index[0] + 1 == len(index)
     return slice(int(index[0]), int(index[-1]) + 1) if whole else rows

@@ -1,4 +1,4 @@
-"""Whether what is left is noise: by its memory, by its size, by a model of it without physics.
+"""Tests for noise in what is left: by its memory, by its size, by a model of it without physics.
 
 The noise of a measuring chain is forgotten within hundredths of a second. The model is what any function of
 the motion, its past and time could still explain: bumps over position, speed and acceleration, over pairs of
@@ -42,9 +42,7 @@ def predictable_share(regression: RecordingRegression, values: Floats, horizon_s
 
 
 def excess_share(regression: RecordingRegression, residual: Floats, floor: NoiseFloor) -> float:
-    """Share of the residual's variance that no noise of that floor would have: in each octave what is more
-    than four times its power.
-    """
+    """Share of the residual's variance that is no noise of that floor: above four times it, by octaves."""
     pieces = regression.signals.piecewise(fine=False)
     piece = max(pieces, key=lambda p: int(np.count_nonzero(regression.signals.rows[p])))
     values = residual[piece][regression.signals.rows[piece]]
@@ -52,9 +50,9 @@ def excess_share(regression: RecordingRegression, residual: Floats, floor: Noise
     frequency = np.asarray(np.fft.rfftfreq(len(values), 1.0 / rate_hz)[1:], dtype=np.float64)
     power = 2.0 * np.abs(np.fft.rfft(values - values.mean())[1:]) ** 2 / (rate_hz * len(values))
     octave = np.floor(np.log2(frequency / frequency[0])).astype(np.int64)
-    said = floor.density(frequency)
+    expected = floor.density(frequency)
     more = sum(
-        max(0.0, float(np.sum(power[octave == k]) - _MOST_NOISE * np.sum(said[octave == k])))
+        max(0.0, float(np.sum(power[octave == k]) - _MOST_NOISE * np.sum(expected[octave == k])))
         for k in range(int(octave[-1]) + 1)
     )
     return more / max(float(np.sum(power)), 1e-300)
@@ -63,6 +61,7 @@ def excess_share(regression: RecordingRegression, residual: Floats, floor: Noise
 def _pairs(
     residual: Floats, rows: Floats, regression: RecordingRegression, horizon_s: float
 ) -> tuple[Floats, Floats]:
+    """Values at 12 lags of at least the horizon, a row for each sample, and the samples; where all count."""
     rate = regression.signals.coarse_rate_hz
     first = max(1, int(np.ceil(horizon_s * rate)))
     spread = np.round(np.geomspace(1, max(2.0, _SPREAD_S * rate), _TAPS)).astype(np.int64)
@@ -107,7 +106,7 @@ def _gain_of(
 
 
 def modulation_gain(regression: RecordingRegression, fit: ModelFit) -> HeldOut | None:
-    """Held-out gain of a stiffness that pulses with the found frequency; None without a pulsation.
+    """Held-out gain of a stiffness that pulses at the fitted frequency; None without a pulsation.
 
     The vocabulary's pulsation is a force of its own: one that grows with the depth is something else.
     """
@@ -121,6 +120,7 @@ def modulation_gain(regression: RecordingRegression, fit: ModelFit) -> HeldOut |
 
 
 def _features(regression: RecordingRegression, fit: ModelFit) -> Floats:
+    """Columns without physics, on the coarse grid: of the motion, as the cell shows them, and of time."""
     signals, factor = regression.signals, alignment(regression.signals.omega, fit.model)
     spectra = map(signals.spectrum, _moving(regression.motion(fit.model)))
     late = [signals.column(s if factor is None else s * factor) for s in spectra]
@@ -130,19 +130,20 @@ def _features(regression: RecordingRegression, fit: ModelFit) -> Floats:
 
 
 def _moving(motion: MotionGrid) -> list[Floats]:
+    """Columns of the motion and its past, on the fine grid."""
     x, v, a = motion.x, motion.v, motion.a
     s = motion.direction()
-    found = _bumps(x, _knots(x, 10)) + _bumps(v, _knots(v, 10)) + _bumps(a, _knots(a, 8))
-    found += [b * s for b in _bumps(x, _knots(x, 6))]
+    table = _bumps(x, _knots(x, 10)) + _bumps(v, _knots(v, 10)) + _bumps(a, _knots(a, 8))
+    table += [b * s for b in _bumps(x, _knots(x, 6))]
     wide_x, wide_v, wide_a = _bumps(x, _knots(x, 5)), _bumps(v, _knots(v, 5)), _bumps(a, _knots(a, 4))
-    found += [p * q for p in wide_x for q in wide_v]
-    found += [p * q for p in wide_v for q in wide_a]
-    found += [b * x for b in wide_x] + [b * v for b in wide_x]
+    table += [p * q for p in wide_x for q in wide_v]
+    table += [p * q for p in wide_v for q in wide_a]
+    table += [b * x for b in wide_x] + [b * v for b in wide_x]
     since = since_reversal(motion)
-    found += [b * s for b in _bumps(since, _knots(since, 6))]
+    table += [b * s for b in _bumps(since, _knots(since, 6))]
     for lag_s in _LAGS_S:
-        found += [_smoothed(motion, each, lag_s) for each in (v, np.abs(v), v * np.abs(v))]
-    return found
+        table += [_smoothed(motion, values, lag_s) for values in (v, np.abs(v), v * np.abs(v))]
+    return table
 
 
 def _knots(values: Floats, count: int) -> Floats:

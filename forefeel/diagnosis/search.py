@@ -1,6 +1,4 @@
-"""Which causes: forward, backward and exchange steps over groups by penalised likelihood, shapes refined
-jointly.
-"""
+"""Search of causes: forward, backward and exchange steps by penalised likelihood, shapes refined jointly."""
 
 from collections.abc import Iterable
 
@@ -54,10 +52,10 @@ class Search(Refiner):
         self.names = [name for name in (CANDIDATES if names is None else names) if name in CANDIDATES]
 
     def run(self, start: Model, passed: dict[frozenset[str], float] | None = None) -> ModelFit:
-        """The model that no single step betters, from `start` on.
+        """Steps from `start` on to the model that no single step betters.
 
-        `passed`: names and scores of the models that earlier runs went on from; a run that meets one of them
-        ends there, for it would go the same way.
+        `passed`: names and scores of the models that runs went on from, added to here; one that meets such a
+        model ends there, for it would go the same way.
         """
         passed = {} if passed is None else passed
         best = self._sound(self.refined(self.fit(start)))
@@ -73,7 +71,7 @@ class Search(Refiner):
         return self._symmetric(best)
 
     def _sound(self, fit: ModelFit) -> ModelFit:
-        """Without causes that the data ask to be something that they can not be."""
+        """Drops causes, the least needed first, until none has to be something that it can not be."""
         while not fit.feasible and fit.model:
             fit = min(
                 (self.without(fit, name) for name in fit.model), key=lambda t: (not t.feasible, t.score)
@@ -81,9 +79,7 @@ class Search(Refiner):
         return fit
 
     def _symmetric(self, fit: ModelFit) -> ModelFit:
-        """Levels that differ by direction are an offset of the cell where the recording can not tell them
-        apart.
-        """
+        """Replaces friction that differs by direction by friction and a bias, if that fits about as well."""
         others = base_name(ASYMMETRIC), "bias"
         if ASYMMETRIC not in fit.model or "bias" in fit.model or not set(others) <= set(self.names):
             return fit
@@ -94,8 +90,8 @@ class Search(Refiner):
         return self._backward(offset) or offset
 
     def run_from_several(self, enough_n: float | None) -> ModelFit:
-        """As `run` from nothing; again from the runner-up of the first step, with one more cause, and from
-        others while more than `enough_n` is left.
+        """Best of several runs: from nothing, and from other first causes with one more added; from three of
+        these, or from one where less than `enough_n` in N is left.
 
         Steps one at a time can walk past a pair of causes whose mixture looks like a third.
         """
@@ -114,35 +110,34 @@ class Search(Refiner):
             if base_name(name) in tried or len(tried) >= starts + alone:
                 continue
             tried.add(base_name(name))
-            grown = self._forward(
-                self.refined(start)
-            )  # or the first exchange would end where the other began
+            # without one more cause the first exchange would end where the other began
+            grown = self._forward(self.refined(start))
             other = best if grown is None else self.run(grown.model, passed)
             if other.score < best.score - ADD:
                 best = other
         return best
 
     def best_with(self, fit: ModelFit, name: str, near: float = np.inf) -> ModelFit | None:
-        """The model with one more cause, its shape refined; None when no shape is feasible, or the score on
-        the grid is not below `near`.
-        """
+        """Fit with one more cause, refined; None when none is feasible or its grid score is above `near`."""
         coarse = self._scan(fit, name)
         best = None if coarse is None or coarse.score > near else self.refined(coarse, only=name)
         return None if best is None or not best.feasible else best
 
     def _scan(self, fit: ModelFit, name: str) -> ModelFit | None:
-        found: ModelFit | None = None
+        """Best feasible fit with one more cause on its grid, no echo of the motion; None where none is."""
+        best: ModelFit | None = None
         periodic = isinstance(CANDIDATES[name], Periodic)
         repeats = periodic or isinstance(CANDIDATES[name], PositionWave)
         for shape in self._shapes(fit, name):
             trial = self.fit({**fit.model, name: shape})
-            margin = _SUBHARMONIC if found is not None and repeats else 0.0
-            better = found is None or trial.score < found.score - margin
+            margin = _SUBHARMONIC if best is not None and repeats else 0.0
+            better = best is None or trial.score < best.score - margin
             if better and trial.feasible and not (periodic and self.periods.echo(trial)):
-                found = trial
-        return found
+                best = trial
+        return best
 
     def _shapes(self, fit: ModelFit, name: str) -> list[Shape]:
+        """Shapes to try for a cause: by lines or waves of the residual, else of its grid."""
         if isinstance(CANDIDATES[name], Periodic):
             return self.periods.lines(fit)
         if isinstance(CANDIDATES[name], PositionWave):
@@ -156,16 +151,18 @@ class Search(Refiner):
         return CANDIDATES[name].grid(self.regression.extent)
 
     def _forward(self, fit: ModelFit) -> ModelFit | None:
+        """The best model with one more cause, costly if more than noise is left; None if none is worth it."""
         if len(fit.model) >= MOST_CAUSES:
             return None
         best = self._best_of(fit, [name for name in self.names if not CANDIDATES[name].costly])
         if self._leaves_more_than_noise(best or fit):
             costly = self._best_of(fit, [name for name in self._worth_trying(fit) if CANDIDATES[name].costly])
-            best = min((each for each in (best, costly) if each), key=lambda each: each.score, default=None)
+            trials = (trial for trial in (best, costly) if trial)
+            best = min(trials, key=lambda trial: trial.score, default=None)
         return best
 
     def _best_of(self, fit: ModelFit, names: Iterable[str]) -> ModelFit | None:
-        """The best of the models with one of these causes more, when it is worth it."""
+        """The best of the models with one of these causes more; None when it is not worth it."""
         scanned = [self._scan(fit, name) for name in names if self.open_to(fit, name)]
         ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)[:4]
         refined = [
@@ -179,9 +176,7 @@ class Search(Refiner):
         return best if best.feasible and self.worth(best, fit) else None
 
     def _worth_trying(self, fit: ModelFit, rest: ModelFit | None = None) -> list[str]:
-        """All but what is costly where hardly more than noise is left, or beside another cause; `rest`: what
-        it is added to, when not to the fit.
-        """
+        """Names to try; costly ones only if `fit` leaves more than noise, and as only cause beside `rest`."""
         alone = not set((rest or fit).model) - {"bias"}
         much = alone and self._leaves_more_than_noise(fit)
         return [name for name in self.names if much or not CANDIDATES[name].costly]
@@ -190,13 +185,11 @@ class Search(Refiner):
         return self.plain_rms(fit) > _MORE_THAN_NOISE * self.noise_n
 
     def open_to(self, fit: ModelFit, name: str) -> bool:
-        """Whether neither a form of that name nor another description of the same contact is in the model
-        yet.
-        """
+        """True if neither a form of that name nor another description of the same contact is in the model."""
         return kin(name) not in map(kin, fit.model)
 
     def worth(self, more: ModelFit, less: ModelFit) -> bool:
-        """Whether the larger model is better by likelihood and in size."""
+        """True if the larger model is better by likelihood and in size."""
         names = set(more.model) - set(less.model)
         new = CANDIDATES[names.pop()] if len(names) == 1 else None
         if less.score - more.score < (ADD if new is None else new.least_score):
@@ -205,7 +198,7 @@ class Search(Refiner):
         return less.rss > more.rss * ratio**2 or self.plain_rms(less) > self.plain_rms(more) * ratio
 
     def plain_rms(self, fit: ModelFit) -> float:
-        """Of the residual in N, not whitened."""
+        """rms of the residual in N, not whitened."""
         return float(np.sqrt(np.mean(self.regression.residual(fit)[self.regression.rows] ** 2)))
 
     def _backward(self, fit: ModelFit) -> ModelFit | None:
@@ -218,16 +211,12 @@ class Search(Refiner):
         rest = {n: shape for n, shape in fit.model.items() if n != name}
         return self.refined(self.fit(rest), sweeps=1)
 
-    def _clearly(self, fit: ModelFit) -> float:
-        """By how much an exchange must better the score; while the noise is taken for white, which overstates
-        it, the residual's power must fall by a hundredth, too.
-        """
-        return 2.0 if self.regression.coloured else max(2.0, _CLEARLY * fit.n)
-
     def _exchange(self, fit: ModelFit) -> ModelFit | None:
         """The best model in which one cause gave way to another."""
         if not fit.model:
             return None
+        # while the noise is taken for white, which overstates it, the residual's power must fall by 1 %, too
+        least = 2.0 if self.regression.coloured else max(2.0, _CLEARLY * fit.n)
         best: ModelFit | None = None
         for name in fit.model:
             rest = self.fit({n: shape for n, shape in fit.model.items() if n != name})
@@ -244,6 +233,6 @@ class Search(Refiner):
                 (new,) = set(trial.model) - set(rest.model)
                 rough = self.refined(trial, only=new, most=_ROUGH)
                 better = self.refined(rough) if rough.score < fit.score + _NEARER * reach else rough
-                if better.feasible and better.score < (best or fit).score - self._clearly(fit):
+                if better.feasible and better.score < (best or fit).score - least:
                     best = better
         return best

@@ -33,9 +33,7 @@ _FILTER_STEPS = 12  # length of the filter before it, in slow samples: 8 Hz pass
 
 @dataclass(slots=True, eq=False)
 class Cleaned:
-    """The force without lines and spikes, and the faults; `clipped`, `spikes`: where the raw force means
-    nothing.
-    """
+    """Force without lines and spikes, and the faults; `clipped`, `spikes`: where the raw one is void."""
 
     force_n: Floats
     clipped: Mask
@@ -44,7 +42,7 @@ class Cleaned:
 
 
 def clean(recording: Recording) -> Cleaned:
-    """Finds every fault of the sensor and takes out what can be taken out."""
+    """Finds every fault of the sensor; takes spikes and mains hum out of a copy of the force."""
     assert recording.force_n is not None
     force = np.array(recording.force_n)
     nowhere = np.zeros(len(force), dtype=np.bool_)
@@ -79,23 +77,24 @@ def comb_step(force: Floats) -> float | None:
 
 
 def _saturation(cleaned: Cleaned, step: float | None) -> None:
+    """Marks clipped samples and adds the fault where the force has a flat top or bottom."""
     force = cleaned.force_n
     low, high = float(force.min()), float(force.max())
-    found: list[float] = []
+    limits: list[float] = []
     for limit, side in ((high, 1.0), (low, -1.0)):
         at = _piled(force * side, limit * side, step)
         if at is not None:
             cleaned.clipped |= at
-            found.append(limit)
-    if found and np.mean(cleaned.clipped) > _MOST_CLIPPED:
+            limits.append(limit)
+    if limits and np.mean(cleaned.clipped) > _MOST_CLIPPED:
         cleaned.clipped = np.zeros_like(cleaned.clipped)  # a force of two levels has no top
-    elif found:
-        limit = float(max(np.abs(found)))
+    elif limits:
+        limit = float(max(np.abs(limits)))
         share = float(np.mean(cleaned.clipped))
         spread = 1e-3 * limit if step is None else 0.5 * step
         words = (
             f"{100 * share:.2g} % of the samples stand exactly at "
-            f"{' and '.join(f'{x:.4g}' for x in found)} {shown_unit('N')}"
+            f"{' and '.join(f'{x:.4g}' for x in limits)} {shown_unit('N')}"
         )
         parameters = {"limit_n": Interval.about(limit, spread)}
         cleaned.faults.append(
@@ -104,7 +103,7 @@ def _saturation(cleaned: Cleaned, step: float | None) -> None:
 
 
 def _piled(force: Floats, top: float, step: float | None) -> Mask | None:
-    """The samples at the top when far more of them are there than just below it, in runs."""
+    """Mask of the samples at the top if far more of them are there than just below it, in runs; else None."""
     span = top - float(force.min())
     width = 1e-4 * span if step is None else 0.5 * step
     at = np.asarray(force > top - width)
@@ -121,15 +120,15 @@ def _piled(force: Floats, top: float, step: float | None) -> Mask | None:
 
 
 def _mains(cleaned: Cleaned, recording: Recording) -> None:
-    """A line within 0.7 Hz of 50 or 60 Hz, far above its neighbours, that the motion does not have."""
+    """Takes out lines within 0.7 Hz of 50 or 60 Hz that the motion lacks, with harmonics; adds the fault."""
     for nominal in MAINS_HZ:
         if recording.rate_hz < 2.2 * nominal:
             continue
         t = recording.time_s - recording.time_s[0]
-        found = _line(t, cleaned.force_n, nominal)
-        if found is None or _line(t, recording.position_m, nominal) is not None:
+        line = _line(t, cleaned.force_n, nominal)
+        if line is None or _line(t, recording.position_m, nominal) is not None:
             continue
-        frequency, level = found
+        frequency, level = line
         orders = [k for k in range(1, 6) if k * frequency < 0.45 * recording.rate_hz]
         orders = [k for k in orders if k == 1 or _line(t, cleaned.force_n, k * frequency, 0.3) is not None]
         phase = 2.0 * np.pi * frequency * t[:, None] * np.array(orders)
@@ -201,7 +200,7 @@ Ends = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 def _spikes(cleaned: Cleaned, recording: Recording, step_n: float | None) -> None:
-    """None where there are few, or so many that they are no exception, or where they come with reversals.
+    """Takes out spikes and adds the fault; not where they are few or no exception, or come with reversals.
 
     `step_n`: of a comb of levels, if there is one: its flips are no spikes.
     """
@@ -261,7 +260,7 @@ def _sizes(off: Floats, starts: NDArray[np.int64], stops: NDArray[np.int64]) -> 
 
 
 def _at_rest(recording: Recording) -> Mask:
-    """Where the speed, over about 10 ms, is below an eighth of its usual size."""
+    """Mask of samples whose speed, over about 10 ms, is below an eighth of its usual size."""
     reach = max(1, round(0.005 * recording.rate_hz))
     x, t = recording.position_m, recording.time_s
     low, high = np.maximum(np.arange(len(x)) - reach, 0), np.minimum(np.arange(len(x)) + reach, len(x) - 1)
@@ -270,7 +269,7 @@ def _at_rest(recording: Recording) -> Mask:
 
 
 def _come_with_the_motion(where: Mask, recording: Recording) -> bool:
-    """Whether outliers come at a certain time after a reversal, as impacts do: those are of the contact."""
+    """True if outliers come at certain times after a reversal, as impacts do: those are of the contact."""
     rate_hz = recording.rate_hz
     smooth = gaussian_filter1d(recording.position_m, _SMOOTH_S * rate_hz)
     direction = np.sign(np.diff(smooth, prepend=smooth[:1]))
@@ -284,7 +283,7 @@ def _come_with_the_motion(where: Mask, recording: Recording) -> bool:
 
 
 def _isolated(force: Floats, off: Floats, runs: Ends, widest: int) -> Ends:
-    """Those that are short, and after which the force is where it was: no step, no pulse that decays."""
+    """Runs that are short, and after which the force is where it was: no step, no pulse that decays."""
     starts, stops = runs
     if not len(starts):
         return runs
@@ -296,7 +295,7 @@ def _isolated(force: Floats, off: Floats, runs: Ends, widest: int) -> Ends:
 
 
 def _cores(off: Floats, starts: NDArray[np.int64], stops: NDArray[np.int64]) -> Ends:
-    """Each run without its flanks: a spike bends the median beside it."""
+    """Runs without their flanks: a spike bends the median beside it."""
     first, last = starts.copy(), stops.copy()
     for i, (start, stop) in enumerate(zip(starts, stops, strict=True)):
         size = np.abs(off[start:stop])
@@ -306,7 +305,7 @@ def _cores(off: Floats, starts: NDArray[np.int64], stops: NDArray[np.int64]) -> 
 
 
 def _sharp(force: Floats, start: int, stop: int) -> bool:
-    """Whether the force jumps there and back, three times as far as it steps beside; a corner does not."""
+    """True if the force jumps there and back, three times as far as it steps beside; a corner does not."""
     steps = np.abs(np.diff(force))
     beside = np.concatenate([steps[max(start - 7, 0) : max(start - 1, 0)], steps[stop : stop + 6]])
     if not 0 < start <= stop < len(force):

@@ -32,7 +32,7 @@ class Separable:
 
 
 def separable(columns: Columns, target: Floats, starts: Iterable[Floats]) -> Separable:
-    """From the best of several starts; neighbouring errors that are alike count as one in the covariance."""
+    """Fits from the best of several starts; neighbouring errors that are alike count as one in covariance."""
 
     def left(log_shape: Floats) -> Floats:
         table = columns(log_shape)
@@ -41,22 +41,22 @@ def separable(columns: Columns, target: Floats, starts: Iterable[Floats]) -> Sep
         return np.asarray(target - table @ np.linalg.lstsq(table, target, rcond=None)[0])
 
     start = min(starts, key=lambda at: float(np.sum(left(at) ** 2)))
-    found = least_squares(left, start, x_scale=0.1, max_nfev=200).x if len(start) else start
-    table = columns(found)
+    log_shape = least_squares(left, start, x_scale=0.1, max_nfev=200).x if len(start) else start
+    table = columns(log_shape)
     theta = np.linalg.lstsq(table, target, rcond=None)[0]
     rest = np.asarray(target - table @ theta)
-    steps = _STEP * np.eye(len(found))
-    slopes = [(columns(found + step) - table) @ theta / _STEP for step in steps]
+    steps = _STEP * np.eye(len(log_shape))
+    slopes = [(columns(log_shape + step) - table) @ theta / _STEP for step in steps]
     design = np.column_stack([*slopes, table])
     size = np.maximum(np.sqrt(np.sum(design**2, axis=0)), 1e-300)
     inverse = np.linalg.pinv((design / size).T @ (design / size)) / np.outer(size, size)
     covariance = _alike(rest) * float(np.mean(rest**2)) * inverse
-    return Separable(np.asarray(found), np.asarray(theta), rest, np.asarray(covariance))
+    return Separable(np.asarray(log_shape), np.asarray(theta), rest, np.asarray(covariance))
 
 
 def _alike(left: Floats) -> float:
-    """How many neighbouring errors count as one: the autocorrelation, summed up to where it vanishes."""
+    """Number of neighbours that count as one error: the sum of the autocorrelation up to its first zero."""
     power = np.abs(np.fft.rfft(left, 2 * len(left))) ** 2
-    own = np.fft.irfft(power)[: len(left)]
-    until = int(np.argmax(own <= 0.0)) or len(left)
-    return max(1.0, 2.0 * float(np.sum(own[:until])) / max(float(own[0]), 1e-300) - 1.0)
+    correlation = np.fft.irfft(power)[: len(left)]
+    until = int(np.argmax(correlation <= 0.0)) or len(left)
+    return max(1.0, 2.0 * float(np.sum(correlation[:until])) / max(float(correlation[0]), 1e-300) - 1.0)

@@ -47,7 +47,7 @@ class SignalPiece:
 
     @property
     def span_s(self) -> float:
-        """Padding included."""
+        """Length in s, padding included."""
         return self.padded * self.period_s
 
 
@@ -114,22 +114,22 @@ class Signals:
 
     @property
     def decimated(self) -> bool:
-        """Whether the fine grid is coarser than the samples."""
+        """True if the fine grid is coarser than the samples."""
         return any(p.span_s / p.fine > 1.3 * p.period_s for p in self.pieces)
 
     @property
     def recorded(self) -> Mask:
-        """Which samples of the fine grid are no padding."""
+        """Mask of the fine grid's samples that are no padding."""
         parts = [np.arange(p.fine) * (p.span_s / p.fine) <= (p.samples - 1) * p.period_s for p in self.pieces]
         return np.concatenate(parts)
 
     @property
     def phase(self) -> Floats:
-        """Of each frequency of a spectrum, in rad per coarse sample."""
+        """Phase of each frequency of a spectrum, in rad per coarse sample."""
         return np.concatenate([2.0 * np.pi * np.arange(p.coarse // 2 + 1) / p.coarse for p in self.pieces])
 
     def moved_to(self, origin_s: float) -> None:
-        """Times count from that stamp from now on; before any regression is made of it."""
+        """Sets the stamp that times count from; to be called before a regression is made of these signals."""
         later = self.origin_s - origin_s
         self.fine_t, self.t, self.origin_s = self.fine_t + later, self.t + later, origin_s
 
@@ -157,13 +157,13 @@ class Signals:
         return np.concatenate(parts, axis=-1)
 
     def piecewise(self, fine: bool = True) -> Sequence[slice]:
-        """Where each piece lies on the fine or on the coarse grid."""
+        """Slices of the pieces on the fine or on the coarse grid."""
         starts = self.fine_starts if fine else self.starts
         return [slice(int(a), int(b)) for a, b in pairwise(starts)]
 
     @property
     def coarse_rate_hz(self) -> float:
-        """Of the first piece; they differ by rounding."""
+        """Rate of the first piece; those of others differ by rounding."""
         return self.pieces[0].coarse / self.pieces[0].span_s
 
     def _cut(self, grid: SignalPiece, spectrum: Spectrum, length: int, derivative: int = 0) -> Spectrum:
@@ -174,6 +174,7 @@ class Signals:
         return np.asarray(cut)
 
     def _motion(self, grid: SignalPiece, x_spec: Spectrum) -> tuple[Floats, ...]:
+        """Time, position, speed and acceleration on the fine grid; the acceleration in a narrower band."""
         bins = min(grid.fine // 2 + 1, len(x_spec))
         frequency = np.asarray(np.arange(bins) / grid.span_s, dtype=np.float64)
         wide = response(frequency, 2.0 * self.cutoff_hz)
@@ -189,6 +190,7 @@ class Signals:
         return t, x, v, a
 
     def _coarse(self, grid: SignalPiece, f_spec: Spectrum, bad: Mask) -> tuple[Floats, Floats, Mask]:
+        """Time and filtered force on the coarse grid, and rows that count: not at edges, not near `bad`."""
         t = np.asarray(np.arange(grid.coarse) * (grid.span_s / grid.coarse), dtype=np.float64)
         edge_s = _EDGE / self.cutoff_hz
         length_s = (grid.samples - 1) * grid.period_s
@@ -205,6 +207,7 @@ def response(frequency_hz: NDArray[np.floating[Any]], cutoff_hz: float) -> Float
 
 
 def _grid(time_s: Floats, cutoff_hz: float) -> SignalPiece | None:
+    """Grids of a piece; None where it is shorter than three edges of the filter."""
     edge_s = _EDGE / cutoff_hz
     if len(time_s) < 16 or time_s[-1] - time_s[0] < _LEAST_SEGMENT * edge_s:
         return None
@@ -226,7 +229,7 @@ def _even_fast_length(least: int) -> int:
 def _uniform(
     time_s: Floats, grid: SignalPiece, x: Floats, f: Floats, bad: Mask
 ) -> tuple[Floats, Floats, Mask]:
-    """Onto an even grid; even stamps, up to their rounding, are taken as they are."""
+    """Resamples onto an even grid; even stamps, up to their rounding, are taken as they are."""
     even = np.asarray(grid.start_s + np.arange(grid.samples) * grid.period_s, dtype=np.float64)
     if len(even) == len(time_s) and np.max(np.abs(even - time_s)) < 0.05 * grid.period_s:
         return x, f, bad
@@ -241,7 +244,7 @@ def _interpolated(at: Floats, time_s: Floats, values: Floats) -> Floats:
 
 
 def _padded(values: Floats, length: int) -> Floats:
-    """Prolonged point-symmetrically at both ends, one fading into the other: no jump in value or slope."""
+    """Prolongs both ends point-symmetrically, one fading into the other: no jump in value or slope."""
     count = length - len(values)
     reach = min(count, len(values) - 1)
     after = 2.0 * values[-1] - values[-2 : -2 - reach : -1]
@@ -254,15 +257,15 @@ def _padded(values: Floats, length: int) -> Floats:
 
 
 def _step_m(x: Floats) -> float:
-    """Of the encoder; of a position without steps next to nothing."""
+    """Step of the encoder; of a position without steps next to nothing."""
     gaps = np.diff(np.unique(x))
     gaps = gaps[gaps > 1e-9 * np.ptp(x)]
     return float(np.quantile(gaps, 0.05)) if len(gaps) else 0.0
 
 
 def _above_noise(x: Floats, step_m: float, grid: SignalPiece, bins: int) -> Floats:
-    """One up to where the position's spectrum sinks into the encoder's noise, zero beyond: no noise is
-    derived.
+    """Gain: one up to where the position's spectrum sinks into the encoder's noise, zero beyond, so that no
+    noise is derived.
 
     The noise is the level at the end of the spectrum when it is flat there; one everywhere when it still
     falls. At a constant speed the encoder's steps are lines in it, which hold no more than step^2 / 12 in
@@ -294,17 +297,15 @@ def _band(power: Floats, low: float, high: float) -> float:
 
 
 def _unsettled(x: Floats) -> Mask:
-    """The start, up to a tenth, until half the stroke was seen: plays and frictions begin in an unknown
-    state.
-    """
+    """Mask of the start, up to a tenth, until half the stroke is covered: there friction is unknown."""
     stroke = float(np.quantile(x, 0.95) - np.quantile(x, 0.05))
-    seen = np.maximum.accumulate(x) - np.minimum.accumulate(x)
-    first = int(np.argmax(seen >= 0.5 * stroke))
+    covered = np.maximum.accumulate(x) - np.minimum.accumulate(x)
+    first = int(np.argmax(covered >= 0.5 * stroke))
     return np.asarray(np.arange(len(x)) < min(first, len(x) // 10))
 
 
 def _near(bad: Mask, t: Floats, period_s: float, reach_s: float) -> Mask:
-    """Which coarse stamps have an unusable raw sample within reach."""
+    """Mask of the coarse stamps with an unusable raw sample within reach."""
     if not bad.any():
         return np.zeros(len(t), dtype=np.bool_)
     count = np.concatenate([[0], np.cumsum(bad)])
@@ -329,7 +330,7 @@ def _travelled_m(x: Floats) -> Floats:
 
 
 def extent_of(signals: Signals, speed_band: float) -> Extent:
-    """What a recording can tell apart: from the motion as recorded, robust against its extremes."""
+    """Extent of motion and force, over which causes are searched; robust against extremes."""
     recorded = signals.recorded
     low, q1, q2, high = _travelled_m(signals.fine_x[recorded])
     return Extent(
@@ -383,9 +384,7 @@ def cutoff_hz(recording: Recording, force_n: Floats) -> float:
 
 
 def speed_band_m_s(position_m: Floats, rate_hz: float, reach_hz: float) -> float:
-    """1.5 times the standard deviation of the speed at rest, in the band up to `reach_hz`, of evenly sampled
-    positions.
-    """
+    """1.5 standard deviations of the speed at rest, in the band up to `reach_hz`, of even positions."""
     band = min(reach_hz, 0.5 * rate_hz)
     noise = position_noise_m(position_m, rate_hz)
     speed = noise * float(np.sqrt(2.0 / rate_hz)) * 2.0 * np.pi * band**1.5 / float(np.sqrt(3.0))
@@ -408,8 +407,8 @@ def position_noise_m(position_m: Floats, rate_hz: float) -> float:
     From third differences, the largest tenth left out; from the level at the end of the spectrum.
     """
     size = np.abs(np.diff(position_m, 3))
-    kept = size[size <= np.quantile(size, 0.9)]
-    by_difference = float(np.sqrt(np.mean(kept**2))) / float(np.sqrt(20.0)) / 0.79
+    usual = size[size <= np.quantile(size, 0.9)]
+    by_difference = float(np.sqrt(np.mean(usual**2))) / float(np.sqrt(20.0)) / 0.79
     power = _spectrum(position_m, rate_hz)[1]
     by_level = float(np.sqrt(np.median(power[int(0.8 * len(power)) :]) * rate_hz / 2.0))
     return min(by_difference, by_level)

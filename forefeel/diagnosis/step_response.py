@@ -48,7 +48,7 @@ class StepResponse:
 
 
 def diagnosed_step(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
-    """Whether a mass on a spring answers the force, and what it is; no cause is named. None without steps.
+    """Diagnosis of a stepped force by the mass on a spring that it moves; names no cause. None without steps.
 
     Raises:
         RecordingError: too few samples in a row.
@@ -57,24 +57,25 @@ def diagnosed_step(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
     assert force_n is not None
     if not _is_step(force_n):
         return None
-    found = _response(recording)
-    known = [found.parameters[name].value if name in found.parameters else 0.0 for name in BASE]
-    bias_n = float(np.mean(force_n) - found.sense * known[2] * np.mean(recording.position_m))
-    model = {"bias": ()}, [*(found.sense * value for value in known), bias_n]
+    response = _response(recording)
+    parameters, sense = response.parameters, response.sense
+    known = [parameters[name].value if name in parameters else 0.0 for name in BASE]
+    bias_n = float(np.mean(force_n) - sense * known[2] * np.mean(recording.position_m))
+    model = {"bias": ()}, [*(sense * value for value in known), bias_n]
     nowhere = np.zeros(len(recording), dtype=np.bool_)
     cleaned = Cleaned(force_n, nowhere, nowhere)
-    analysis = fitted_elsewhere(recording, cleaned, found.sense, model, model)
-    error = ModelError.of(found.left_n, found.force_n, {"": found.parameters})
-    held = HeldOut(found.left_n, found.left_n, 0.0, 0.0, 0.0)
-    answers = 1.0 - (found.left_n / found.force_n) ** 2 > _ANSWERS
+    analysis = fitted_elsewhere(recording, cleaned, sense, model, model)
+    error = ModelError.of(response.left_n, response.force_n, {"": parameters})
+    held_out = HeldOut(response.left_n, response.left_n, 0.0, 0.0, 0.0)
+    answers = 1.0 - (response.left_n / response.force_n) ** 2 > _ANSWERS
     verdict: VerdictName = "nothing_missing" if answers else "unexplained"
     motion = None if answers else GENERAL_MOTION
     flags = (*analysis.flags(), FLAG)
-    return Diagnosis(verdict, (), (), motion, flags, None, error, error, held), analysis
+    return Diagnosis(verdict, (), (), motion, flags, None, error, error, held_out), analysis
 
 
 def _is_step(force_n: Floats) -> bool:
-    """Whether four levels hold nearly all samples of the force, and it hardly ever changes."""
+    """True if four levels hold nearly all samples of the force, and it hardly ever changes."""
     most = np.sort(np.unique(force_n, return_counts=True)[1])[-_LEVELS:].sum()
     changes = np.count_nonzero(np.diff(force_n))
     return bool(most > _OF_THE_SAMPLES * len(force_n) and changes < _RARELY * len(force_n))
@@ -86,21 +87,21 @@ def _response(recording: Recording) -> StepResponse:
     frequencies = np.geomspace(0.5 / (period_s * len(x)), _FASTEST / period_s, _FREQUENCIES)
     ringing = np.abs(np.fft.rfft(np.diff(x), 8 * len(x)))
     frequencies = np.append(frequencies, np.fft.rfftfreq(8 * len(x), period_s)[1 + np.argmax(ringing[1:])])
-    starts = [np.log([2.0 * np.pi * each, zeta]) for each, zeta in product(frequencies, _RATIOS)]
-    found = separable(lambda shape: _columns(shape, f, period_s), x, starts)
-    w, zeta = found.log_shape
-    gain = float(found.theta[0]) or 1e-300
+    starts = [np.log([2.0 * np.pi * hz, zeta]) for hz, zeta in product(frequencies, _RATIOS)]
+    fit = separable(lambda shape: _columns(shape, f, period_s), x, starts)
+    w, zeta = fit.log_shape
+    gain = float(fit.theta[0]) or 1e-300
     logs = np.array([-2.0 * w, np.log(2.0) + zeta - w, 0.0]) - np.log(abs(gain))
     slopes = np.array([[-2.0, 0.0, -1.0 / gain], [-1.0, 1.0, -1.0 / gain], [0.0, 0.0, -1.0 / gain]])
-    variance = np.einsum("ij,jk,ik->i", slopes, found.covariance[:3, :3], slopes)
+    variance = np.einsum("ij,jk,ik->i", slopes, fit.covariance[:3, :3], slopes)
     doubts = np.minimum(1.96 * np.sqrt(variance), _UNKNOWN)
-    told = {
+    parameters = {
         name: Interval(*map(float, np.exp([log, log - doubt, log + doubt])))
         for name, log, doubt in zip(BASE, logs, doubts, strict=True)
         if doubt < _UNKNOWN
     }
-    force_n, left_n = (float(np.std(values)) / abs(gain) for values in (x, found.left))
-    return StepResponse(told, float(np.sign(gain)), force_n, left_n)
+    force_n, left_n = (float(np.std(values)) / abs(gain) for values in (x, fit.left))
+    return StepResponse(parameters, float(np.sign(gain)), force_n, left_n)
 
 
 def _evenly(recording: Recording) -> tuple[float, Floats, Floats]:

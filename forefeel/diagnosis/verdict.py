@@ -30,7 +30,7 @@ class Interval:
 
     @classmethod
     def about(cls, value: float, doubt: float) -> "Interval":
-        """As far to each side."""
+        """Interval from `value` - `doubt` to `value` + `doubt`."""
         return cls(float(value), float(value - doubt), float(value + doubt))
 
 
@@ -47,7 +47,7 @@ class HeldOut:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Why: what it looks like, by how much the penalised -2 log likelihood falls, and the held-out gain."""
+    """Fingerprint of a cause, fall of the penalised -2 log likelihood with it, and its held-out gain."""
 
     fingerprint: str
     likelihood: float
@@ -69,12 +69,12 @@ class Cause:
 
     @classmethod
     def fitted(
-        cls, name: str, parameters: dict[str, Interval], likelihood: float, own: HeldOut, words: str
+        cls, name: str, parameters: dict[str, Interval], likelihood: float, held_out: HeldOut, words: str
     ) -> "Cause":
-        """Of a model; `own`: without it and with it."""
-        before_n, after_n = own.rmse_before_n, own.rmse_after_n
+        """Cause of a model; `held_out`: errors without it and with it."""
+        before_n, after_n, gain = held_out.rmse_before_n, held_out.rmse_after_n, held_out.gain
         evidence = Evidence(
-            cause_class(name).fingerprint, likelihood, own.gain, own.gain_low, own.gain_high, words
+            cause_class(name).fingerprint, likelihood, gain, held_out.gain_low, held_out.gain_high, words
         )
         explained_n = sqrt(max(before_n**2 - after_n**2, 0.0))
         return cls(name, parameters, evidence, before_n - after_n, explained_n)
@@ -102,13 +102,11 @@ class ModelError:
 
     @classmethod
     def of(cls, rmse_n: float, force_n: float, parameters: Mapping[str, dict[str, Interval]]) -> "ModelError":
-        """By the intervals of its parameters by cause, "" for mass, damping and stiffness; `force_n`: the
-        force's standard deviation in N.
-        """
+        """Error of a model by its parameters by cause, "" for m, b, k; `force_n`: standard deviation."""
         values = {
             f"{name}.{key}" if name else key: interval.value
-            for name, own in parameters.items()
-            for key, interval in own.items()
+            for name, intervals in parameters.items()
+            for key, interval in intervals.items()
         }
         return cls(rmse_n, values, 100.0 * (1.0 - rmse_n / force_n), dict(parameters[""]))
 
@@ -129,7 +127,7 @@ class ExpectedGain:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What plain regressions see of a recording; shares of the force's variance on held-out blocks.
+    """Result of plain regressions on a recording; shares of the force's variance on held-out blocks.
 
     Attributes:
         sense: +1 where a positive force resists, -1 where the recording shows the reaction.

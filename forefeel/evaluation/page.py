@@ -53,7 +53,7 @@ def figures(evaluated: Evaluated) -> tuple[Figure, Figure]:
     """Pictures of a typical stretch, the one with the median rms error of forefeel, and of the whole."""
     time_s, rows = evaluated.prepared.recording.time_s, evaluated.prepared.rows
     with np.errstate(over="ignore", invalid="ignore"):
-        squares = (evaluated.said_n["forefeel"] - evaluated.prepared.force_n)[rows] ** 2
+        squares = (evaluated.predicted_n["forefeel"] - evaluated.prepared.force_n)[rows] ** 2
         stretch = ((time_s[rows] - time_s[rows][0]) / _TYPICAL_S).astype(np.int64)
         means = np.bincount(stretch, squares) / np.bincount(stretch)  # NaN, the last, within a gap
     means = means[:-1] if len(means) > 1 else means  # the last one is cut short
@@ -69,7 +69,7 @@ def figures(evaluated: Evaluated) -> tuple[Figure, Figure]:
 def _figure(evaluated: Evaluated, rows: Mask, title: str, caption: str) -> Figure:
     stamps_s, force_n = evaluated.prepared.recording.time_s, evaluated.prepared.force_n[rows]
     time_s = stamps_s[rows] - stamps_s[0]
-    held_n, said_n = evaluated.said_n["zoh"][rows], evaluated.said_n["forefeel"][rows]
+    held_n, predicted_n = evaluated.predicted_n["zoh"][rows], evaluated.predicted_n["forefeel"][rows]
     trace, panels = evaluated.traces["forefeel"], []
     shade = band("95 % band", "predicted", time_s, trace.low_n[rows], trace.high_n[rows], GAP_S)
     measured = line("measured", "measured", time_s, force_n, GAP_S, **DOTTED)
@@ -80,9 +80,9 @@ def _figure(evaluated: Evaluated, rows: Mask, title: str, caption: str) -> Figur
     ):
         lines = [
             line("held, late", "late", time_s, held_n - zero_n, GAP_S, **DASHED),
-            line("predicted", "predicted", time_s, said_n - zero_n, GAP_S),
+            line("predicted", "predicted", time_s, predicted_n - zero_n, GAP_S),
         ]
-        y = limits(held_n - zero_n, beside=said_n - zero_n, trim=_TRIM)
+        y = limits(held_n - zero_n, beside=predicted_n - zero_n, trim=_TRIM)
         title_n = f"{label}, {shown_unit('N')}"
         panels.append(panel(title_n, y, lines=lines + more, bands=[shade] if more else []))
     return Figure(title, caption, 440, (spec(panels, unit="s"),))

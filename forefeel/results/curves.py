@@ -78,7 +78,7 @@ class Curves:
         regression = analysis.regression
         signals, motion = regression.signals, regression.motion({})
         x, v = (np.interp(signals.t, signals.fine_t, fine) for fine in (motion.x, motion.v))
-        simulated = regression.predicted(analysis.base) if given is None else regression.given(given)
+        simulated = regression.predicted(analysis.base) if given is None else regression.force_of(given)
         extended = regression.predicted(analysis.fit)
         return cls(analysis, given is not None, signals.t, x, v, signals.force, simulated, extended)
 

@@ -8,7 +8,7 @@ from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.extended import extended_model
-from forefeel.diagnosis.ramp_and_hold import held
+from forefeel.diagnosis.ramp_and_hold import find_hold
 from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.results.verdict_text import answer
 
@@ -90,4 +90,4 @@ def test_a_hold_in_which_the_cell_drifts_names_nothing(drift_n_s: float) -> None
 def test_strokes_after_a_long_rest_are_no_hold() -> None:
     t = np.arange(6000) / 100.0
     x: Floats = np.where(t > 50.0, 5e-3 * np.sin(2 * np.pi * 0.7 * t), 0.0)
-    assert held(Recording("rest", t, x, 100.0 * x, "rest.csv")) is None
+    assert find_hold(Recording("rest", t, x, 100.0 * x, "rest.csv")) is None

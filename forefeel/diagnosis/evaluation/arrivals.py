@@ -1,4 +1,4 @@
-"""When the force of each sample reaches the master: delay, jitter and loss, repeatable by a seed."""
+"""Arrivals of the force of each sample at the master: delay, jitter and loss, repeatable by a seed."""
 
 from dataclasses import dataclass
 from itertools import pairwise
@@ -47,7 +47,7 @@ class DelayedLink:
 
 @dataclass(frozen=True, slots=True)
 class Arrivals:
-    """Which forces a master has when it looks at its n stamps.
+    """Forces that have reached a master at each of its n stamps.
 
     Attributes:
         order: indices of the samples whose force arrives within the recording, by time of arrival.

@@ -1,4 +1,4 @@
-"""What must be said of a recording before its numbers: sampling and gaps."""
+"""Notes on a recording that belong before its numbers: sampling and gaps."""
 
 from itertools import pairwise
 
@@ -11,11 +11,12 @@ _SHOWN_GAPS = 5  # gaps that are listed
 
 
 def notes(recording: Recording) -> tuple[str, ...]:
-    """Plain sentences."""
+    """Sentences on the sampling and, if there are any, on the gaps."""
     return _sampling(recording), *_gaps(recording)
 
 
 def _sampling(recording: Recording) -> str:
+    """Sentence on rate and evenness of the stamps."""
     period_ms = 1e3 * np.concatenate([np.diff(recording.time_s[piece]) for piece in recording.segments()])
     if not len(period_ms):
         return (
@@ -33,13 +34,14 @@ def _sampling(recording: Recording) -> str:
 
 
 def _gaps(recording: Recording) -> list[str]:
+    """One sentence that counts the gaps and lists the first five; none without gaps."""
     pieces, time_s = recording.segments(), recording.time_s
-    found = [(time_s[a.stop - 1], time_s[b.start]) for a, b in pairwise(pieces)]
-    if not found:
+    gaps = [(time_s[a.stop - 1], time_s[b.start]) for a, b in pairwise(pieces)]
+    if not gaps:
         return []
     shown = ", ".join(
-        f"{end - start:.2f} s at {start - time_s[0]:.2f} s" for start, end in found[:_SHOWN_GAPS]
+        f"{end - start:.2f} s at {start - time_s[0]:.2f} s" for start, end in gaps[:_SHOWN_GAPS]
     )
-    more = f" and {len(found) - _SHOWN_GAPS} more" if len(found) > _SHOWN_GAPS else ""
-    plural = "gap" if len(found) == 1 else "gaps"
-    return [f"{len(found)} {plural} over {GAP_S:g} s, not bridged: {shown}{more}"]
+    more = f" and {len(gaps) - _SHOWN_GAPS} more" if len(gaps) > _SHOWN_GAPS else ""
+    plural = "gap" if len(gaps) == 1 else "gaps"
+    return [f"{len(gaps)} {plural} over {GAP_S:g} s, not bridged: {shown}{more}"]

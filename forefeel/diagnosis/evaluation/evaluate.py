@@ -1,4 +1,4 @@
-"""One recording through every method, and what came of it."""
+"""Evaluation of one recording: replay through every method, scores, evaluation.json."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -28,7 +28,7 @@ from forefeel.diagnosis.evaluation.score import (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """A recording that can be evaluated. `arrivals`: its late forces; `zoh`: what the zero-order hold says;
+    """A recording that can be evaluated. `arrivals`: its late forces; `zoh`: those of the zero-order hold;
     `rows`: the stamps that are scored.
     """
 
@@ -41,20 +41,20 @@ class Prepared:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluated:
-    """Scores and predictions by method, zoh among them; `said_n` with zoh's where a method said nothing.
+    """Scores and predictions by method, zoh among them; `predicted_n` is zoh's where a method has none.
     `regimes`: forefeel beside zoh in the parts of the motion, by their names.
     """
 
     prepared: Prepared
     notes: tuple[str, ...]
     scores: Mapping[str, Score]
-    said_n: Mapping[str, Floats]
+    predicted_n: Mapping[str, Floats]
     traces: Mapping[str, MethodTrace]
     regimes: Mapping[str, RegimeScore]
 
 
 def prepare(recording: Recording, link: DelayedLink) -> Prepared:
-    """The arrivals of a recording, and the stamps to score.
+    """Computes the arrivals of a recording, and the stamps to score.
 
     Raises:
         RecordingError: no force, too short, or no force that arrives in time.
@@ -80,12 +80,12 @@ def prepare(recording: Recording, link: DelayedLink) -> Prepared:
 def evaluate(
     prepared: Prepared, model: ContactModel | None, progress: Callable[[str], None] = lambda name: None
 ) -> Evaluated:
-    """Every method of the table on one recording, each from a cold start.
+    """Replays a recording through every method, each from a cold start, and scores them.
 
     Args:
         prepared: see `prepare`.
         model: of a model.yaml, for forefeel; None: its own.
-        progress: is told the name of each method before it starts.
+        progress: called with the name of each method before it starts.
     """
     recording, force_n, zoh = prepared.recording, prepared.force_n, prepared.zoh
     traces: dict[str, MethodTrace] = {}
@@ -95,10 +95,10 @@ def evaluate(
     scores = {
         name: score(recording.time_s, force_n, trace, zoh, prepared.rows) for name, trace in traces.items()
     }
-    said_n = {name: completed(trace, zoh) for name, trace in traces.items()}
-    forefeel_n = said_n["forefeel"] if scores["forefeel"].diverged_at_s is None else None
-    parts = by_regime(regimes(recording), prepared.rows, force_n, said_n["zoh"], forefeel_n)
-    return Evaluated(prepared, _notes(prepared), scores, said_n, traces, parts)
+    predicted_n = {name: completed(trace, zoh) for name, trace in traces.items()}
+    forefeel_n = predicted_n["forefeel"] if scores["forefeel"].diverged_at_s is None else None
+    parts = by_regime(regimes(recording), prepared.rows, force_n, predicted_n["zoh"], forefeel_n)
+    return Evaluated(prepared, _notes(prepared), scores, predicted_n, traces, parts)
 
 
 def _notes(prepared: Prepared) -> tuple[str, ...]:
@@ -108,7 +108,7 @@ def _notes(prepared: Prepared) -> tuple[str, ...]:
 
 
 def rules(link: DelayedLink, model: ContactModel | None) -> tuple[str, ...]:
-    """What makes the numbers honest, in plain words."""
+    """Rules of the comparison, in plain words."""
     return (
         "At a stamp t a method knows its own motion up to t and the forces that have arrived: "
         + (
@@ -165,6 +165,7 @@ def to_json(
 
 
 def _recording(evaluated: Evaluated) -> dict[str, object]:
+    """Entry of a recording in evaluation.json."""
     recording = evaluated.prepared.recording
     return {
         "samples": len(recording),
@@ -178,6 +179,7 @@ def _recording(evaluated: Evaluated) -> dict[str, object]:
 
 
 def _method(name: str, score: Score) -> dict[str, object]:
+    """Entry of a method in evaluation.json; the band is forefeel's alone."""
     size = score.size
     fields: dict[str, object] = {"rms_n": size.rms_n, "p95_n": size.p95_n, "max_n": size.max_n}
     if score.diverged_at_s is not None:

@@ -71,7 +71,7 @@ class Pairs(Generic[T]):
     _late: list[tuple[float, float]] = field(default_factory=list)
 
     def remember(self, t_s: float, value: T) -> None:
-        """What is to be paired with the force of stamp `t_s`."""
+        """Stores what is to be paired with the force of stamp `t_s`; drops what is older than 60 s."""
         self._known[t_s] = value
         self._stamps.append(t_s)
         while self._stamps[0] < t_s - LONGEST_LATENESS_S:
@@ -166,6 +166,7 @@ class PaperMethod:
         self._phi: tuple[float, float, float] | None = None
 
     def move(self, t_s: float, position_m: float) -> None:
+        """Takes the motion's differences, and learns from the forces that have arrived."""
         self._phi = self._differences(t_s, position_m)
         if self._phi is not None:
             self._pairs.remember(t_s, self._phi)
@@ -225,6 +226,7 @@ class MbkBias:
         self._velocity.reset()
 
     def move(self, t_s: float, position_m: float) -> None:
+        """Learns from the forces that have arrived, and takes the regressors of this motion."""
         self._pairs.remember(t_s, position_m)
         if self._rls is None:
             self._measure_stroke(t_s, position_m)
@@ -240,6 +242,7 @@ class MbkBias:
         self._last = t_s, position_m
 
     def _measure_stroke(self, t_s: float, position_m: float) -> None:
+        """Makes the estimator, scaled by the stroke, once 1 s of motion is known."""
         self._first.append((t_s, position_m))
         if t_s - self._first[0][0] < _STROKE_S:
             return
@@ -251,6 +254,7 @@ class MbkBias:
         self._rls = RecursiveLeastSquares(scales, _MEMORY_S)
 
     def _learn(self, rls: RecursiveLeastSquares, stamp_s: float, position_m: float, force_n: float) -> None:
+        """Filters a pair and learns from it, unless it is not newer or the filters settle after a gap."""
         dt = stamp_s - self._learned_s
         if dt <= 0.0:
             return
@@ -287,10 +291,10 @@ METHODS: Mapping[str, Callable[[ContactModel | None], Method]] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MethodTrace:
-    """What a method said at each of n stamps.
+    """Predictions of a method at each of n stamps.
 
     Attributes:
-        answered: where it said something. force_n, low_n, high_n: NaN where it did not, or has no band.
+        answered: where it predicted. force_n, low_n, high_n: NaN where it did not, or has no band.
         leading: the expert that led, empty where there is none.
     """
 
@@ -302,7 +306,7 @@ class MethodTrace:
 
 
 def replay(recording: Recording, arrivals: Arrivals, method: Method) -> MethodTrace:
-    """At each stamp: the forces that have arrived since the last one, the own motion, then the prediction.
+    """Runs a method: at each stamp the forces that have arrived since, the own motion, then the prediction.
 
     After a gap the method is restarted, between the forces that arrived in the gap and the next motion.
 
@@ -315,15 +319,16 @@ def replay(recording: Recording, arrivals: Arrivals, method: Method) -> MethodTr
         column.tolist() for column in (recording.time_s, recording.position_m, recording.force_n)
     )
     starts = {piece.start for piece in recording.segments()[1:]}
-    said: list[Estimate | None] = []
+    estimates: list[Estimate | None] = []
     for k, batch in enumerate(arrivals.batches()):
         for i in batch:
             method.observe(time_s[i], force_n[i])
         if k in starts:
             method.restart()
         method.move(time_s[k], position_m[k])
-        said.append(method.predict())
-    known = [estimate or Estimate(np.nan) for estimate in said]
+        estimates.append(method.predict())
+    known = [estimate or Estimate(np.nan) for estimate in estimates]
     columns = np.array([estimate[:3] for estimate in known], dtype=np.float64)
-    answered, leading = np.array([each is not None for each in said]), tuple(each.leading for each in known)
+    answered = np.array([estimate is not None for estimate in estimates])
+    leading = tuple(estimate.leading for estimate in known)
     return MethodTrace(answered, columns[:, 0], columns[:, 1], columns[:, 2], leading)

@@ -1,4 +1,4 @@
-"""In which part of the motion an error was made. Pure.
+"""Regimes of the motion, and the errors made in each. Pure.
 
     v(t) = (x(b) - x(a)) / (b - a)                                                                      (1)
 
@@ -45,7 +45,7 @@ Regimes = NDArray[np.int64]
 
 @dataclass(frozen=True, slots=True)
 class RegimeScore:
-    """Of the scored samples in one regime.
+    """Errors of the scored samples in one regime.
 
     Attributes:
         share: of all scored samples.
@@ -65,6 +65,7 @@ class RegimeScore:
 
 
 def regimes(recording: Recording) -> Regimes:
+    """Regime of each sample; no regime reaches across a gap."""
     time_s, pieces = recording.time_s, recording.segments()
     velocity = np.concatenate([_velocity(time_s[piece], recording.position_m[piece]) for piece in pieces])
     slow = np.abs(velocity) <= _REST_SHARE * np.sqrt(np.mean(velocity**2))
@@ -75,7 +76,7 @@ def regimes(recording: Recording) -> Regimes:
 def by_regime(
     regime: Regimes, rows: Mask, force_n: Floats, zoh_n: Floats, forefeel_n: Floats | None
 ) -> Mapping[str, RegimeScore]:
-    """The errors at the scored samples `rows`, by the names of the regimes; arrays of shape (n,).
+    """Errors at the scored samples `rows`, by the names of the regimes; arrays of shape (n,).
 
     Args:
         forefeel_n: None where it diverged.
@@ -84,8 +85,8 @@ def by_regime(
     for number, name in enumerate(REGIMES):
         inside = rows & (regime == number)
         zoh_rms_n, forefeel_rms_n = (
-            None if said_n is None else error_size(said_n[inside], force_n[inside]).rms_n
-            for said_n in (zoh_n, forefeel_n)
+            None if predicted_n is None else error_size(predicted_n[inside], force_n[inside]).rms_n
+            for predicted_n in (zoh_n, forefeel_n)
         )
         share = float(np.count_nonzero(inside) / np.count_nonzero(rows))
         scores[name] = RegimeScore(share, zoh_rms_n, forefeel_rms_n)
@@ -93,7 +94,7 @@ def by_regime(
 
 
 def _velocity(time_s: Floats, x: Floats) -> Floats:
-    """(1) of a piece without gaps; 0 for a single sample, of which no motion is known."""
+    """Velocity (1) of a piece without gaps; 0 for a single sample, of which no motion is known."""
     n = len(time_s)
     if n == 1:
         return np.zeros(1)
@@ -107,7 +108,7 @@ def _velocity(time_s: Floats, x: Floats) -> Floats:
 
 
 def _regimes(time_s: Floats, direction: Floats) -> Regimes:
-    """Of a piece without gaps. `direction`: the sign of v, 0 where it is slow."""
+    """Regimes of a piece without gaps. `direction`: the sign of v, 0 where it is slow."""
     at_rest = _long_enough(time_s, direction == 0.0)
     regime = np.full(len(time_s), _CRUISE)
     regime[_soon_after(time_s, _turned(direction))] = _REVERSAL
@@ -117,7 +118,7 @@ def _regimes(time_s: Floats, direction: Floats) -> Regimes:
 
 
 def _long_enough(time_s: Floats, slow: Mask) -> Mask:
-    """Where a run of slow samples lasts for 0.2 s."""
+    """Mask of the slow samples in runs of at least 0.2 s."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], slow, [False])).astype(np.int8)))
     first, last = edges[::2], edges[1::2] - 1
     lasting = time_s[last] - time_s[first] >= _REST_S - _ROUNDING_S

@@ -70,7 +70,7 @@ class RecursiveLeastSquares:
         self._forgotten = 0.0
 
     def update(self, phi: Sequence[float], y: float, dt: float) -> None:
-        """One sample, dt seconds after the last; left out where it is not finite, or absurd."""
+        """Learns from a sample, dt seconds after the last; not from one that is absurd or uninformative."""
         e = y
         for i, theta in enumerate(self._theta):
             e -= phi[i] * theta
@@ -83,7 +83,7 @@ class RecursiveLeastSquares:
             self._correct(f, v, lam, e)
 
     def _correct(self, f: list[float], v: list[float], lam: float, e: float) -> None:
-        """Equations (9), (10), (12), then the floor of information."""
+        """Updates theta and P by equations (9), (10), (12), then by the floor of information."""
         p_phi, alpha = self._p.correct(f, v, lam)
         step = e / alpha
         theta = self._theta

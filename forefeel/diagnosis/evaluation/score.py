@@ -1,4 +1,4 @@
-"""How far what a method said was from the force that was measured; pure functions of arrays."""
+"""Errors of a method's predictions against the measured force; pure functions of arrays."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ RUNAWAY = 100.0
 
 @dataclass(frozen=True, slots=True)
 class BandScore:
-    """How the 95 % band did.
+    """Coverage and width of the 95 % band.
 
     Attributes:
         coverage: share of the scored forces inside. width_n: its mean full width.
@@ -38,33 +38,33 @@ class Score:
 
 
 def scored_stamps(time_s: Floats, delay_s: float, zoh: MethodTrace) -> Mask:
-    """From 3 s + delay after the first stamp on, as soon as a force has arrived."""
+    """Mask of the stamps from 3 s + delay after the first one on at which a force has arrived."""
     return np.asarray((time_s - time_s[0] >= SETTLING_S + delay_s) & zoh.answered)
 
 
 def completed(trace: MethodTrace, zoh: MethodTrace) -> Floats:
-    """What counts as the method's prediction: zoh's where it said nothing."""
+    """Predictions that count for a method: zoh's where it has none."""
     return np.where(trace.answered, trace.force_n, zoh.force_n)
 
 
 def score(time_s: Floats, force_n: Floats, trace: MethodTrace, zoh: MethodTrace, rows: Mask) -> Score:
-    """The score of one method over the scored stamps `rows`; all arrays have shape (n,).
+    """Score of one method over the scored stamps `rows`; all arrays have shape (n,).
 
-    It diverged when it said, at one of them, something that is not finite or beyond 100 times the largest
-    force of the recording.
+    It diverged if a prediction at one of them is not finite or beyond 100 times the largest force recorded.
     """
-    said_n = completed(trace, zoh)
+    predicted_n = completed(trace, zoh)
     largest_n = float(np.abs(force_n).max())
-    beyond = (largest_n > 0.0) & (np.abs(said_n) > RUNAWAY * largest_n)
-    runaway = zoh.answered & (beyond | ~np.isfinite(said_n))
+    beyond = (largest_n > 0.0) & (np.abs(predicted_n) > RUNAWAY * largest_n)
+    runaway = zoh.answered & (beyond | ~np.isfinite(predicted_n))
     if np.any(runaway & rows):
         first = int(np.flatnonzero(runaway)[0])
         return Score(ErrorSize(), diverged_at_s=float(time_s[first] - time_s[0]))
-    size = error_size(said_n[rows], force_n[rows])
+    size = error_size(predicted_n[rows], force_n[rows])
     return Score(size, band=_band(force_n, trace, rows))
 
 
 def _band(force_n: Floats, trace: MethodTrace, rows: Mask) -> BandScore:
+    """Score of the band where there is one; the leading expert also without."""
     known = rows & np.isfinite(trace.low_n) & np.isfinite(trace.high_n)
     leading = Counter(trace.leading[k] for k in np.flatnonzero(rows) if trace.leading[k])
     most = leading.most_common(1)[0][0] if leading else None
