@@ -12,14 +12,13 @@ from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis, Progress, analyse
-from forefeel.diagnosis.feedback import FLAG as FEEDS_THE_MOTION
-from forefeel.diagnosis.feedback import feeds_the_motion
+from forefeel.diagnosis.closed_loop import FLAG as FEEDS_THE_MOTION
+from forefeel.diagnosis.closed_loop import feeds_the_motion
+from forefeel.diagnosis.expected_gain import with_expectation
 from forefeel.diagnosis.judge import SLOW, judged
 from forefeel.diagnosis.long_recording import FLAG, analyse_long, is_long
-from forefeel.diagnosis.other_motion import with_expectation
-from forefeel.diagnosis.ramp_and_hold import diagnosed_hold
 from forefeel.diagnosis.residual import predictable_share
-from forefeel.diagnosis.step_response import diagnosed_step
+from forefeel.diagnosis.standard_tests import diagnosed_hold, diagnosed_step
 from forefeel.diagnosis.verdict import Diagnosis, ModelError
 
 LEAST_S = 3.0

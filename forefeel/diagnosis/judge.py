@@ -12,7 +12,6 @@ from forefeel.common.causes.registry import effect_class
 from forefeel.common.causes.sensor import SensorLag, SensorQuantisation
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.analysis import Analysis
-from forefeel.diagnosis.held_out import gain, held_out_errors
 from forefeel.diagnosis.identifiability import (
     GENERAL_MOTION,
     NOISE_TELLING_MOTION,
@@ -23,7 +22,6 @@ from forefeel.diagnosis.identifiability import (
     separating_motion,
     turns,
 )
-from forefeel.diagnosis.parameters import intervals, significant
 from forefeel.diagnosis.regression import BASE, ModelFit
 from forefeel.diagnosis.residual import (
     excess_share,
@@ -31,6 +29,7 @@ from forefeel.diagnosis.residual import (
     modulation_gain,
     predictable_share,
 )
+from forefeel.diagnosis.uncertainty import gain, held_out_errors, intervals, significant
 from forefeel.diagnosis.verdict import Cause, Diagnosis, HeldOut, ModelError, VerdictName
 
 _WIDEST = 20.0  # of a size, width of an interval beyond which the recording does not tell it

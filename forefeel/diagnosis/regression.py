@@ -36,8 +36,8 @@ from forefeel.common.causes.numerics import intervals_s
 from forefeel.common.causes.transmission import Backlash
 from forefeel.common.causes.unmodelled_resonance import HIGHEST_MODE, MOST_DAMPED, UnmodelledResonance
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.look import look
 from forefeel.diagnosis.noise import Noise, white
+from forefeel.diagnosis.plain_regressions import look
 from forefeel.diagnosis.signals import Mask, Signals, extent_of
 from forefeel.diagnosis.verdict import Look
 

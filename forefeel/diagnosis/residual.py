@@ -11,9 +11,9 @@ import numpy as np
 from forefeel.common.causes.motion import Lag, MotionGrid
 from forefeel.common.causes.periodic import Pulsation
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.held_out import columns, gain, held_out
 from forefeel.diagnosis.noise import NoiseFloor
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression, alignment
+from forefeel.diagnosis.uncertainty import columns, gain, held_out
 from forefeel.diagnosis.verdict import HeldOut
 
 HORIZON_S = 0.04

@@ -1,14 +1,254 @@
-"""Search of causes: forward, backward and exchange steps by penalised likelihood, shapes refined jointly."""
+"""Search of causes: forward, backward and exchange steps by penalised likelihood, shapes refined jointly.
+
+Periods come from lines in a residual, and from the motion itself, whose harmonics look like lines. Shapes are
+refined by bounded scalar searches, and by simplexes where several trade.
+"""
 
 from collections.abc import Iterable
+from functools import cached_property
 
 import numpy as np
+from scipy.fft import rfft, rfftfreq
+from scipy.optimize import minimize, minimize_scalar
 
-from forefeel.common.causes.candidate import Model, Periodic, PositionWave, Shape, base_name
+from forefeel.common.causes.candidate import Candidate, Model, Periodic, PositionWave, Shape, base_name
 from forefeel.common.causes.catalogue import CANDIDATES, kin
+from forefeel.common.causes.motion import Motion
+from forefeel.common.causes.periodic import PositionMap, Pulsation
 from forefeel.common.causes.unmodelled_resonance import UnmodelledResonance
-from forefeel.diagnosis.refine import Refiner
+from forefeel.common.error_size import Floats
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
+
+PULSATION_HZ = 0.12, 4.0
+_LEAST_CYCLES = 5.0  # of a pulsation: fewer are not told from a force that wanders
+_HIGHEST_ORDER = 10  # harmonic of the motion up to which a line is taken for its echo
+_ALIKE = 0.9
+LEAST_WAVES = 2.5
+"""Over the range of positions, of a force that belongs to the position; chosen: fewer are like any curve, of
+which a spring that stiffens, a wall that begins and friction make many.
+"""
+_MOST_WAVES, _WAVE_STEP = 40.0, 0.2  # over the range: most of the same, and their step
+_APART = 0.8  # waves over the range: what is nearer is the same line
+_MOST_SAMPLES = 3000  # of a residual that is searched for such waves
+_MANY = 9.0  # periods until harmonics stand apart
+_SEEN_FROM_BELOW = 2.5
+_LEAST_LINES = 3.0  # harmonics of a motion that repeats, in the width of a mode: fewer show no peak
+
+
+class Periods:
+    def __init__(self, regression: RecordingRegression) -> None:
+        self.regression = regression
+        self.lowest_hz = max(PULSATION_HZ[0], _LEAST_CYCLES / regression.extent.duration_s)
+
+    def lines(self, fit: ModelFit, count: int = 4) -> list[Shape]:
+        """Frequencies in Hz of the strongest lines of the residual where pulses can be, and their halves."""
+        regression = self.regression
+        rate = regression.signals.coarse_rate_hz
+        residual = np.zeros(len(regression.rows))
+        residual[regression.rows] = regression.target - regression.design(fit.model) @ fit.coefficients
+        length = 4 * len(residual)
+        power = np.abs(rfft(residual, length)) ** 2
+        frequency = rfftfreq(length, 1.0 / rate)
+        low = self.lowest_hz
+        inside = (frequency >= low) & (frequency <= PULSATION_HZ[1])
+        peaks: list[Shape] = []
+        power = np.where(inside, power, 0.0)
+        for _ in range(count):
+            top = int(np.argmax(power))
+            if power[top] <= 0.0:
+                break
+            peaks.append((float(frequency[top]),))
+            power[np.abs(frequency - frequency[top]) < 1.5 / regression.extent.duration_s] = 0.0
+        return peaks + [(f / 2.0,) for (f,) in peaks if f / 2.0 >= low]
+
+    def over_position(self, fit: ModelFit, count: int = 4) -> list[Shape]:
+        """The periods in m of the waves over the position, with a second harmonic, that explain most of what
+        the model's other columns leave; the shortest first.
+        """
+        regression = self.regression
+        rows = np.flatnonzero(regression.signals.rows)
+        rows = rows[:: 1 + len(rows) // _MOST_SAMPLES]
+        blocks = [regression.block(fit.model, name, shape) for name, shape in [("", ()), *fit.model.items()]]
+        known, _ = np.linalg.qr(np.column_stack([np.ones(len(rows)), *(block[rows] for block in blocks)]))
+        residual = _orthogonal(known, regression.residual(fit)[rows])
+        x = regression.signals.column(regression.signals.spectrum(regression.motion(fit.model).x))[rows]
+        motion = Motion(x, x, x, x, x)
+
+        def power(waves: float) -> float:
+            """Power of the residual that so many waves over the range explain."""
+            columns = _orthogonal(known, PositionMap(period_m=range_m / waves).columns(motion))
+            moment = columns.T @ residual
+            return float(moment @ np.linalg.lstsq(columns.T @ columns, moment, rcond=1e-9)[0])
+
+        range_m = regression.extent.range_m
+        tried = np.arange(LEAST_WAVES + _WAVE_STEP, _MOST_WAVES, _WAVE_STEP)
+        powers, tops = np.array([power(waves) for waves in tried]), []
+        for _ in range(count):
+            tops.append(float(tried[int(np.argmax(powers))]))
+            powers[np.abs(tried - tops[-1]) < _APART] = 0.0
+        near = [(waves - _WAVE_STEP, waves + _WAVE_STEP) for waves in sorted(tops, reverse=True)]
+        best = [minimize_scalar(lambda w: -power(w), bounds=ends, method="bounded").x for ends in near]
+        return [(range_m / float(waves),) for waves in best]
+
+    def resolved(self, name: str, shape: Shape) -> bool:
+        """True if the motion has frequencies within a mode's width; one that repeats has harmonics only."""
+        if base_name(name) != UnmodelledResonance.name:
+            return True
+        period_s = self._motion_period_s
+        reach_hz = self.regression.signals.motion_reach_hz
+        if shape[0] > (0.9 if name.endswith(":free") else _SEEN_FROM_BELOW) * reach_hz:
+            return False
+        return period_s is None or 2.0 * shape[0] * shape[1] * period_s > _LEAST_LINES
+
+    @cached_property
+    def _motion_period_s(self) -> float | None:
+        """Period in s of the speed, which a creeping middle does not change; None when it does not repeat."""
+        signals = self.regression.signals
+        piece = max(signals.piecewise(), key=lambda p: p.stop - p.start)
+        v = signals.fine_v[piece][signals.recorded[piece]]
+        rate = 1.0 / float(signals.fine_t[piece][1] - signals.fine_t[piece][0])
+        power = np.abs(np.fft.rfft(v - np.mean(v), 2 * len(v))) ** 2
+        likeness = np.fft.irfft(power)[: len(v) // 2] / (1.0 - np.arange(len(v) // 2) / len(v))
+        falling = np.flatnonzero(likeness < 0.5 * likeness[0])
+        if not len(falling):
+            return None
+        again = falling[0] + np.flatnonzero(likeness[falling[0] :] > _ALIKE * likeness[0])
+        if not len(again):
+            return None
+        first = likeness[again[0] : again[0] + max(2, int(again[0]) // 4)]  # the whole of the first peak
+        return float(again[0] + int(np.argmax(first))) / rate
+
+    def echo(self, fit: ModelFit) -> bool:
+        """True if most of the pulsation's power is at harmonics of a motion that repeats."""
+        period_s, (frequency_hz,) = self._motion_period_s, fit.model[Pulsation.name]
+        if period_s is None:
+            return False
+        periods = self.regression.extent.duration_s / period_s
+        power = np.sum(fit.of(Pulsation.name).reshape(2, -1) ** 2, axis=0)
+        cycles = frequency_hz * np.arange(1, len(power) + 1) * period_s
+        # of few periods only what lies closer than a line is wide counts, or all would be harmonics
+        width = (1.5 if periods >= _MANY else 0.5) / periods
+        near = (np.abs(cycles - np.round(cycles)) < width) & (cycles < _HIGHEST_ORDER + 0.5)
+        return bool(power[near].sum() > 0.5 * power.sum())
+
+
+def _orthogonal(known: Floats, columns: Floats) -> Floats:
+    return np.asarray(columns - known @ (known.T @ columns))
+
+
+_BEYOND = 1.2  # of the logarithm of a shape: how far beyond its grid it is searched
+_BEYOND_LINEAR = 0.15  # of the grid's range: the same where the scale is linear
+
+
+class Refiner:
+    """Fits models to one regression and refines their shapes; `evaluations` counts the least squares."""
+
+    def __init__(self, regression: RecordingRegression) -> None:
+        self.regression, self.periods = regression, Periods(regression)
+        self.evaluations = 0
+
+    def fit(self, model: Model) -> ModelFit:
+        self.evaluations += 1
+        return self.regression.fit(model)
+
+    def refined(self, fit: ModelFit, only: str | None = None, sweeps: int = 2, most: int = 70) -> ModelFit:
+        """Refines shapes by bounded scalar searches in turn, each between its neighbours on the grid; shapes
+        of one cause jointly, in at most `most` trials.
+        """
+        names = [n for n, shape in fit.model.items() if shape and (only is None or n == only)]
+        for sweep in range(sweeps if len(names) > 1 or any(len(fit.model[n]) > 1 for n in names) else 1):
+            before = fit.score
+            for name in names:
+                if len(fit.model[name]) > 1:
+                    fit = self._refine_jointly(fit, name, most)
+                else:
+                    fit = self._refine_alone(fit, name, sweep == 0)
+            if before - fit.score < 0.5:
+                break
+        return fit
+
+    def _refine_jointly(self, fit: ModelFit, name: str, most: int) -> ModelFit:
+        """Refines shapes of one cause that trade against each other by a simplex, on their logarithms where
+        the candidate says so; else in their ranges on the grid.
+        """
+        best = lowest = fit
+        logarithmic = CANDIDATES[name].logarithmic
+        grid = np.array(CANDIDATES[name].grid(self.regression.extent))
+        zero, scale = (np.zeros(1), np.ones(1)) if logarithmic else (grid.min(axis=0), np.ptp(grid, axis=0))
+        grid = np.log(grid) if logarithmic else (grid - zero) / scale
+        beyond = _BEYOND if logarithmic else _BEYOND_LINEAR
+        low, high = grid.min(axis=0) - beyond, grid.max(axis=0) + beyond
+        if not logarithmic:  # what is positive everywhere on the grid stays so
+            low = np.where(zero > 0.0, np.maximum(low, -zero / scale), low)
+        shape = np.array(fit.model[name])
+        start = np.log(shape) if logarithmic else (shape - zero) / scale
+        steps = [0.5 / max(1, len(np.unique(column)) - 1) for column in grid.T]
+
+        def cost(z: Floats) -> float:
+            """Score, worse where not allowed; remembers the best feasible and the lowest fit."""
+            nonlocal best, lowest
+            values = np.exp(z) if logarithmic else zero + scale * z
+            shape = tuple(float(value) for value in values)
+            if (z < low).any() or (z > high).any() or not self.periods.resolved(name, shape):
+                return fit.score + 1e3
+            trial = self.fit({**fit.model, name: shape})
+            if trial.score < best.score and trial.feasible:
+                best = trial
+            if trial.score < lowest.score and (trial.feasible or self.regression.no_peak(trial.model)):
+                lowest = trial
+            return trial.score + (0.0 if trial.feasible or self.regression.no_peak(trial.model) else 1e3)
+
+        minimize(
+            cost,
+            start,
+            method="Nelder-Mead",
+            options={
+                "maxfev": most,
+                "xatol": 1e-3,
+                "fatol": 0.1,
+                "initial_simplex": None if logarithmic else np.vstack([start, start + np.diag(steps)]),
+            },
+        )
+        return best if best.score < lowest.score + 1.0 else lowest
+
+    def _refine_alone(self, fit: ModelFit, name: str, wide: bool) -> ModelFit:
+        """Refines the one shape of a cause by a bounded search; the best feasible fit, or the one given."""
+        low, high, logarithmic = self._bracket(CANDIDATES[name], fit.model[name][0], wide)
+        best = fit
+
+        def cost(z: float) -> float:
+            """Score; remembers the best feasible fit."""
+            nonlocal best
+            value = float(np.exp(z)) if logarithmic else float(z)
+            trial = self.fit({**fit.model, name: (value,)})
+            if trial.feasible and trial.score < best.score:
+                best = trial
+            return trial.score
+
+        minimize_scalar(
+            cost, bounds=(low, high), method="bounded", options={"maxiter": 12, "xatol": 1e-3 * (high - low)}
+        )
+        return best
+
+    def _bracket(self, candidate: Candidate, value: float, wide: bool) -> tuple[float, float, bool]:
+        """Lowest and highest value of a shape's search, and True if they are logarithms."""
+        if isinstance(candidate, Periodic):
+            reach = (0.6 if wide else 0.1) / self.regression.extent.duration_s
+            return max(value - min(reach, 0.3 * value), self.periods.lowest_hz), value + reach, False
+        if isinstance(candidate, PositionWave):
+            reach = (0.5 if wide else 0.1) / self.regression.extent.range_m
+            longest_m = self.regression.extent.range_m / LEAST_WAVES
+            return 1.0 / (1.0 / value + reach), 1.0 / max(1.0 / value - reach, 1.0 / longest_m), False
+        grid = sorted({point[0] for point in candidate.grid(self.regression.extent)})
+        if candidate.logarithmic:
+            ratio = float(np.log(grid[-1] / grid[0])) / (len(grid) - 1) * (1.0 if wide else 0.15)
+            low, high = float(np.log(grid[0])), float(np.log(grid[-1])) + 0.2
+            at = min(max(float(np.log(value)), low), high)
+            return max(at - ratio, low - 0.2), min(at + ratio, high), True
+        step = (grid[-1] - grid[0]) / (len(grid) - 1) * (1.0 if wide else 0.15)
+        at = min(max(value, grid[0]), grid[-1])
+        return max(at - step, grid[0]), min(at + step, grid[-1]), False
+
 
 ADD = 12.0
 """How much the penalised -2 log likelihood must fall for a change of the model."""

@@ -10,8 +10,8 @@ from forefeel.common.causes.catalogue import cause_class, words
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import Diagnosed
-from forefeel.diagnosis.look import explained_share
-from forefeel.diagnosis.look import strokes as strokes_in_band
+from forefeel.diagnosis.plain_regressions import explained_share
+from forefeel.diagnosis.plain_regressions import strokes as strokes_in_band
 from forefeel.diagnosis.prediction import Across
 from forefeel.diagnosis.verdict import Diagnosis, Look
 from forefeel.report.drawing import AxisUnit, Figure, Layer, binned, cloud, line, loop, panel, spec

@@ -27,7 +27,7 @@ from forefeel.common.recording.units import Quantity, parse_column, rescaled
 from forefeel.common.yaml_file import dump_mapping
 from forefeel.diagnosis.analysis import Progress
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose
-from forefeel.diagnosis.extended import extended_model
+from forefeel.diagnosis.extended_model import extended_model
 from forefeel.diagnosis.plausibility import Question, question
 from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.results.verdict_text import answer, failure

@@ -14,8 +14,8 @@ from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import conditioned
-from forefeel.diagnosis.periods import Periods
 from forefeel.diagnosis.regression import RecordingRegression
+from forefeel.diagnosis.search import Periods
 from forefeel.diagnosis.sensor_faults import clean
 from tests.hidden_effects.answers import Answer, Measured
 from tests.hidden_effects.columns import moves

@@ -20,7 +20,7 @@ from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import FORCE
 from forefeel.common.yaml_file import dump_mapping
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.extended import extended_model
+from forefeel.diagnosis.extended_model import extended_model
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.summary import summarise

@@ -10,12 +10,12 @@ from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.held_out import block_numbers, gain
 from forefeel.diagnosis.identifiability import turns
 from forefeel.diagnosis.noise import autoregression
 from forefeel.diagnosis.regression import RecordingRegression, solve, solve_passive
 from forefeel.diagnosis.sensor_faults import clean, comb_step
 from forefeel.diagnosis.signals import Signals
+from forefeel.diagnosis.uncertainty import block_numbers, gain
 
 MASS, DAMPING, STIFFNESS = 0.06, 1.1, 31.0
 RATE = 500.0

@@ -7,8 +7,8 @@ from scipy.signal import cont2discrete, lfilter
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.extended import extended_model
-from forefeel.diagnosis.ramp_and_hold import find_hold
+from forefeel.diagnosis.extended_model import extended_model
+from forefeel.diagnosis.standard_tests import find_hold
 from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.results.verdict_text import answer
 

@@ -8,7 +8,7 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.extended import extended_model
+from forefeel.diagnosis.extended_model import extended_model
 
 RATE_HZ, SECONDS = 500.0, 12.0
 

@@ -27,7 +27,7 @@ from forefeel.common.error_size import Floats
 from forefeel.common.estimation.contact_model import Causes
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.extended import extended_model
+from forefeel.diagnosis.extended_model import extended_model
 from forefeel.diagnosis.regression import RecordingRegression
 from forefeel.diagnosis.search import Search
 from forefeel.diagnosis.signals import Signals

@@ -1,6 +1,6 @@
 import numpy as np
 
-from forefeel.diagnosis.evaluation.describe import notes
+from forefeel.diagnosis.evaluation.evaluate import notes
 from tests.unit.evaluation_samples import Floats, made_up, recording
 
 TIME_S: Floats = np.arange(2000, dtype=np.float64) * 0.005

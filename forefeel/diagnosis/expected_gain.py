@@ -24,11 +24,10 @@ from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis
-from forefeel.diagnosis.held_out import plain_columns
-from forefeel.diagnosis.parameters import covariance_of, slopes_of
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.residual import predictable_share
 from forefeel.diagnosis.signals import Signals
+from forefeel.diagnosis.uncertainty import covariance_of, plain_columns, slopes_of
 from forefeel.diagnosis.verdict import Diagnosis, ExpectedGain
 
 _LONGEST_S = 30.0  # s of the recorded motion that others are made of

@@ -1,18 +1,32 @@
-"""A ramp and hold, the relaxation test of tissue: the position stands while the force fades, or does not.
+"""Two standard tests, of which less is learned than of strokes.
+
+A step response: the force has a few levels, and the motion answers it. Of such a force nothing is learned as
+a function of the motion: it is constant while the motion rings. The motion is simulated from the force
+instead (output error; Ljung, System Identification, 2nd ed., 1999, section 4.2):
+
+    x = x_0 + y / k + free decay,   y'' + 2 zeta w y' + w^2 y = w^2 f,   m = k / w^2,   b = 2 zeta w m
+
+For w and zeta the rest is linear.
+
+A ramp and hold, the relaxation test of tissue: the position stands while the force fades, or does not.
 
     f = k x + sum_i k_i q_i + f_0,   q_i' = x' - q_i / tau_i     (Maxwell branches)
 
 That a force fades is no proof of it: a load cell that drifts fades, too. The fading over the hold, described
 by a Prony series with times spread evenly in the logarithm and weights of one sign (non-negative least
 squares), has to foretell the bins that it was not fitted to, and a straight line must not.
+
+In both, shapes are searched and the rest is solved for (Golub and Pereyra, SIAM J. Numer. Anal. 10(2), 1973).
 """
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from itertools import combinations
+from itertools import combinations, product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
+from scipy.optimize import least_squares, nnls
+from scipy.signal import cont2discrete, lfilter
 
 from forefeel.common.causes.candidate import Model
 from forefeel.common.causes.motion import SettledLag
@@ -21,16 +35,167 @@ from forefeel.common.causes.wall import StressRelaxation
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis, fitted_elsewhere
-from forefeel.diagnosis.held_out import gain_over
 from forefeel.diagnosis.identifiability import GENERAL_MOTION, turning_points
-from forefeel.diagnosis.sensor_faults import clean
-from forefeel.diagnosis.separable import Separable, separable
+from forefeel.diagnosis.regression import BASE
+from forefeel.diagnosis.sensor_faults import Cleaned, clean
+from forefeel.diagnosis.uncertainty import gain_over
 from forefeel.diagnosis.verdict import Cause, Diagnosis, HeldOut, Interval, ModelError, VerdictName
 
-FLAG = "ramp_and_hold"
+Columns = Callable[[Floats], Floats]
+"""From the logarithms of the shapes to the columns, shape (n, linear parameters)."""
+
+_STEP = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Separable:
+    """Logarithms of the shapes, linear parameters, what is left, and the covariance of both, shapes first."""
+
+    log_shape: Floats
+    theta: Floats
+    left: Floats
+    covariance: Floats
+
+    def doubts(self) -> Floats:
+        """1.96 standard deviations of each, shapes first."""
+        return np.asarray(1.96 * np.sqrt(np.maximum(np.diag(self.covariance), 0.0)))
+
+
+def separable(columns: Columns, target: Floats, starts: Iterable[Floats]) -> Separable:
+    """Fits from the best of several starts; neighbouring errors that are alike count as one in covariance."""
+
+    def left(log_shape: Floats) -> Floats:
+        table = columns(log_shape)
+        if not np.isfinite(table).all():
+            return target - np.mean(target)
+        return np.asarray(target - table @ np.linalg.lstsq(table, target, rcond=None)[0])
+
+    start = min(starts, key=lambda at: float(np.sum(left(at) ** 2)))
+    log_shape = least_squares(left, start, x_scale=0.1, max_nfev=200).x if len(start) else start
+    table = columns(log_shape)
+    theta = np.linalg.lstsq(table, target, rcond=None)[0]
+    rest = np.asarray(target - table @ theta)
+    steps = _STEP * np.eye(len(log_shape))
+    slopes = [(columns(log_shape + step) - table) @ theta / _STEP for step in steps]
+    design = np.column_stack([*slopes, table])
+    size = np.maximum(np.sqrt(np.sum(design**2, axis=0)), 1e-300)
+    inverse = np.linalg.pinv((design / size).T @ (design / size)) / np.outer(size, size)
+    covariance = _alike(rest) * float(np.mean(rest**2)) * inverse
+    return Separable(np.asarray(log_shape), np.asarray(theta), rest, np.asarray(covariance))
+
+
+def _alike(left: Floats) -> float:
+    """Number of neighbours that count as one error: the sum of the autocorrelation up to its first zero."""
+    power = np.abs(np.fft.rfft(left, 2 * len(left))) ** 2
+    correlation = np.fft.irfft(power)[: len(left)]
+    until = int(np.argmax(correlation <= 0.0)) or len(left)
+    return max(1.0, 2.0 * float(np.sum(correlation[:until])) / max(float(correlation[0]), 1e-300) - 1.0)
+
+
+_LEVELS, _OF_THE_SAMPLES = 4, 0.95
+_RARELY = 0.02  # of the samples, at most, between which the force changes
+_MOST_SAMPLES = 20_000
+_FASTEST = 0.25  # of the sampling rate
+_FREQUENCIES, _RATIOS = 24, (0.03, 0.1, 0.3, 0.7, 1.5, 4.0)
+_UNKNOWN = 1.5  # of a logarithm, half of its interval: more is not told by the recording
+_ANSWERS = 0.95  # of the position's variance, for the answer to be that of mass, damper and spring
+
+
+@dataclass(frozen=True, slots=True)
+class StepResponse:
+    """Those of mass, damping and stiffness that show, with 95 % intervals; `sense` -1: the force pulls.
+
+    `force_n`, `left_n`: standard deviation of the spring's force, and rms of what is left of it.
+    """
+
+    parameters: dict[str, Interval]
+    sense: float
+    force_n: float
+    left_n: float
+
+
+def diagnosed_step(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
+    """Diagnosis of a stepped force by the mass on a spring that it moves; names no cause. None without steps.
+
+    Raises:
+        RecordingError: too few samples in a row.
+    """
+    force_n = recording.force_n
+    assert force_n is not None
+    if not _is_step(force_n):
+        return None
+    response = _response(recording)
+    parameters, sense = response.parameters, response.sense
+    known = [parameters[name].value if name in parameters else 0.0 for name in BASE]
+    bias_n = float(np.mean(force_n) - sense * known[2] * np.mean(recording.position_m))
+    model = {"bias": ()}, [*(sense * value for value in known), bias_n]
+    nowhere = np.zeros(len(recording), dtype=np.bool_)
+    cleaned = Cleaned(force_n, nowhere, nowhere)
+    analysis = fitted_elsewhere(recording, cleaned, sense, model, model)
+    error = ModelError.of(response.left_n, response.force_n, {"": parameters})
+    held_out = HeldOut(response.left_n, response.left_n, 0.0, 0.0, 0.0)
+    answers = 1.0 - (response.left_n / response.force_n) ** 2 > _ANSWERS
+    verdict: VerdictName = "nothing_missing" if answers else "unexplained"
+    motion = None if answers else GENERAL_MOTION
+    flags = (*analysis.flags(), "step_response")
+    return Diagnosis(verdict, (), (), motion, flags, None, error, error, held_out), analysis
+
+
+def _is_step(force_n: Floats) -> bool:
+    """True if four levels hold nearly all samples of the force, and it hardly ever changes."""
+    most = np.sort(np.unique(force_n, return_counts=True)[1])[-_LEVELS:].sum()
+    changes = np.count_nonzero(np.diff(force_n))
+    return bool(most > _OF_THE_SAMPLES * len(force_n) and changes < _RARELY * len(force_n))
+
+
+def _response(recording: Recording) -> StepResponse:
+    """The linear system that answers the force best; the force holds from each stamp to the next."""
+    period_s, x, f = _evenly(recording)
+    frequencies = np.geomspace(0.5 / (period_s * len(x)), _FASTEST / period_s, _FREQUENCIES)
+    ringing = np.abs(np.fft.rfft(np.diff(x), 8 * len(x)))
+    frequencies = np.append(frequencies, np.fft.rfftfreq(8 * len(x), period_s)[1 + np.argmax(ringing[1:])])
+    starts = [np.log([2.0 * np.pi * hz, zeta]) for hz, zeta in product(frequencies, _RATIOS)]
+    fit = separable(lambda shape: _columns(shape, f, period_s), x, starts)
+    w, zeta = fit.log_shape
+    gain = float(fit.theta[0]) or 1e-300
+    logs = np.array([-2.0 * w, np.log(2.0) + zeta - w, 0.0]) - np.log(abs(gain))
+    slopes = np.array([[-2.0, 0.0, -1.0 / gain], [-1.0, 1.0, -1.0 / gain], [0.0, 0.0, -1.0 / gain]])
+    variance = np.einsum("ij,jk,ik->i", slopes, fit.covariance[:3, :3], slopes)
+    doubts = np.minimum(1.96 * np.sqrt(variance), _UNKNOWN)
+    parameters = {
+        name: Interval(*map(float, np.exp([log, log - doubt, log + doubt])))
+        for name, log, doubt in zip(BASE, logs, doubts, strict=True)
+        if doubt < _UNKNOWN
+    }
+    force_n, left_n = (float(np.std(values)) / abs(gain) for values in (x, fit.left))
+    return StepResponse(parameters, float(np.sign(gain)), force_n, left_n)
+
+
+def _evenly(recording: Recording) -> tuple[float, Floats, Floats]:
+    """Period in s, position and force; the force is the last one that was set."""
+    assert recording.force_n is not None
+    t = recording.time_s
+    count = min(len(t), _MOST_SAMPLES)
+    even_s = np.linspace(t[0], t[-1], count)
+    last = np.searchsorted(t, even_s + 1e-9 * (t[-1] - t[0]), side="right") - 1
+    x = np.interp(even_s, t, recording.position_m)
+    return float(even_s[1] - even_s[0]), x, np.asarray(recording.force_n[last])
+
+
+def _columns(log_shape: Floats, f: Floats, period_s: float) -> Floats:
+    """Answer to the force, offset, and two free decays, shape (n, 4)."""
+    w, zeta = np.exp(log_shape)
+    numerator, denominator, _ = cont2discrete(([w * w], [1.0, 2.0 * zeta * w, w * w]), period_s)
+    answer = lfilter(numerator[0], denominator, f - f[0]) + f[0]
+    pulse = np.zeros_like(f)
+    pulse[0] = 1.0
+    decay = lfilter([1.0], denominator, pulse)
+    later = np.concatenate([[0.0], decay[:-1]])
+    return np.column_stack([answer, np.ones_like(f), decay, later])
+
+
 _HELD, _STILL = 0.7, 0.03  # of the samples in one run, within so much of the range from the median
 _STROKE, _MOST_TURNS = 0.2, 3  # of the range; to the hold, back, and what overshoots
-_MOST_SAMPLES = 20_000
 _TIMES, _BINS = 12, 40
 _LEAST_FADE, _EARLY, _AT_ONCE = 0.05, 0.1, 0.3  # of the rise; first part of the hold; of the fading in it
 _FOLLOWS, _FAR_BELOW = 0.05, 5.0  # left of the held-out bins' variance; times more that a line leaves
@@ -135,7 +300,7 @@ def diagnosed_hold(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
     causes = (_relaxation(fit, sense, held_out),) if relaxes else ()
     analysis = fitted_elsewhere(recording, clean(recording), sense, *map(_coefficients, (spring, fit)))
     verdict: VerdictName = "cause_found" if relaxes else "nothing_found"
-    motion, flags = None if relaxes else GENERAL_MOTION, (*analysis.flags(), FLAG)
+    motion, flags = None if relaxes else GENERAL_MOTION, (*analysis.flags(), "ramp_and_hold")
     return Diagnosis(verdict, causes, (), motion, flags, None, *models, held_out), analysis
 
 

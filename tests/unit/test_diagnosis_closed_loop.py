@@ -7,7 +7,7 @@ from forefeel.common.causes.candidate import Model
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import conditioned
-from forefeel.diagnosis.feedback import feeds_the_motion
+from forefeel.diagnosis.closed_loop import feeds_the_motion
 from forefeel.diagnosis.sensor_faults import clean
 from tests.hidden_effects.generator import VOCABULARY, draw
 
