@@ -38,11 +38,12 @@ test: $(READY) ## all tests; then, one after the other, those of real processes
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder --ignore tests/process
 	$(BIN)/python -m pytest tests/process
 
-check: $(READY) ## ruff, mypy --strict and the import layers, tests included
+check: $(READY) ## ruff, mypy --strict, the import layers and the words, tests included
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/python -m tests.repository.words
 
 docs: $(READY) ## the documentation as pages in site/, its reference from the code; any dead link fails
 	$(PIP) --editable '.[docs]'
@@ -60,6 +61,7 @@ hidden-effects: $(READY) ## both generators: false confidence first; 400 recordi
 	$(BIN)/python -m pytest -n 2 --dist loadfile -m soak --timeout 900
 	$(BIN)/python -m tests.hidden_effects.bench --jobs 2 --methods product pysindy sysidentpy memory
 	$(BIN)/python -m tests.hidden_effects
+	$(BIN)/python -m tests.hidden_effects.mutants
 
 MINUTES ?= 10
 system: $(READY) ## as root, by hand: faults, attacks, signals, soak, page (45 minutes); docs/explanation/faults.md

@@ -14,15 +14,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 
 from forefeel.common.causes.motion import Kinematics, Memory, Motion, Value
 from forefeel.common.causes.numerics import Array
-
-if TYPE_CHECKING:
-    from forefeel.common.causes.candidate import Candidate
 
 Site = Literal["wall", "shaft", "sensor"]
 """Where a force arises: at the wall (in contact), along the shaft (when gripped), in the sensor (always)."""
@@ -110,8 +107,10 @@ class Effect(ABC):
     """The predictor's contact model contains it only if it explains enough."""
     instead_of: ClassVar[str] = ""
     """Parameter of `mass_damper_spring` whose whole value it takes over."""
-    candidates: ClassVar[Sequence["Candidate"]] = ()
-    """Forms in which a diagnosis fits it; a force effect without any is fitted by its `span`: `generic`."""
+    candidates: ClassVar[Sequence[Any]] = ()
+    """Forms of `candidate` in which a diagnosis fits it. A force effect without any is fitted by its `span`,
+    see `generic`.
+    """
     shorthands: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """A name that sets several parameters at once, such as `force_n` of a symmetric friction."""
 

@@ -111,7 +111,7 @@ def _site(site: object, kind: type[Effect], place: str) -> Site | None:
 
 
 def at_conversion(model: ContactModel) -> tuple[ContactModel, list[SensorEffect]]:
-    """What acts in continuous time, and the sensor effects that act at each conversion, in their order.
+    """Splits a model: effects in continuous time, and sensor effects at each conversion, in their order.
 
     A linear sensor effect, such as a lag, acts in continuous time; one that rounds, clips or disturbs single
     readings does so when the load cell converts, and sees its noise.

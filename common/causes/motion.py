@@ -275,7 +275,7 @@ class Lag(Memory):
 
 
 class SettledLag(Lag):
-    """As `Lag`, settled at its first input."""
+    """`Lag` that is settled at its first input."""
 
     value = None
 

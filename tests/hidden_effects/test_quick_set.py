@@ -11,6 +11,8 @@ from tests.hidden_effects.odd import tried
 from tests.hidden_effects.product import diagnosed
 from tests.hidden_effects.score import gained, scored
 
+BENCHES = ("known", 705), ("play", 108)
+
 
 @pytest.mark.parametrize("case", quick(), ids=str)
 def test_diagnosis_finds_what_was_hidden(case: Case) -> None:
@@ -20,7 +22,7 @@ def test_diagnosis_finds_what_was_hidden(case: Case) -> None:
     assert gained(outcome) or not outcome.exact, outcome.answer
 
 
-@pytest.mark.parametrize(("population", "seed"), [("known", 705), ("play", 108)])
+@pytest.mark.parametrize(("population", "seed"), BENCHES)
 def test_diagnosis_finds_what_the_bench_has(population: str, seed: int) -> None:
     outcome = bench.scored(Population(population), seed)
     assert outcome.exact, f"{outcome.description}: {outcome.answer}"
