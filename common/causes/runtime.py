@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from math import prod
 from operator import mul
 
 import numpy as np
@@ -125,23 +124,24 @@ class ContactRuntime:
         for moved in self._moved:
             m = moved(m)
         self.instrument_m = m.x
-        own = len(phi)
         for compute in self._at_shaft:
             phi += compute(m)
-        x = m.x
-        depth, touching = (x, 1.0) if self._in_contact is None else self._in_contact(m)
-        if not touching:
-            self._lose_contact()
-            phi += self._no_wall
-        else:
+        x, touching = m.x, 1.0
+        if self._in_contact is not None:
+            m.x, touching = self._in_contact(m)
+        if touching:
             self._touching = True
-            m.x = depth
             for compute in self._at_wall:
                 phi += compute(m)
-            m.x = x
+        else:
+            self._lose_contact()
+            phi += self._no_wall
+        m.x = x
         if self._factors:
-            force_n = sum(map(mul, self.linear_values[own:], phi[own:]))
-            factor = prod(effect.factor(m, force_n) for effect in self._factors)
+            own = len(phi) - len(self._unheld)
+            force_n, factor = sum(map(mul, self.linear_values[own:], phi[own:])), 1.0
+            for effect in self._factors:
+                factor *= effect.factor(m, force_n)
             phi[own:] = [factor * each for each in phi[own:]]
         return phi
 

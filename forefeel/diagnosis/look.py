@@ -105,7 +105,8 @@ def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
     low, high = np.quantile(motion.x, (0.05, 0.95))
     depth = (motion.x - 0.5 * (low + high)) / max(high - low, 1e-300)
     steps = motion.rate * motion.dt / max(high - low, 1e-300)
-    dry = [motion.direction(), *(motion.through(PrandtlElement(), steps / share) for share in _PRESLIDING)]
+    element = PrandtlElement().step
+    dry = [motion.direction(), *(motion.through(element, steps / share) for share in _PRESLIDING)]
     base = [signals.linear_spectrum(derivative) for derivative in (2, 1, 0)]
     rows = signals.rows
     if _HEAVIEST_KG * np.std(signals.column(base[0])[rows]) < np.std(signals.force[rows]):
@@ -120,7 +121,7 @@ def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
 
 def _maxwell(motion: MotionGrid, tau_s: float) -> Floats:
     """Length of the spring of a spring and a damper in series, at rest at the start of each piece."""
-    return motion.x - motion.through(SettledLag(), motion.x, np.exp(-motion.dt / tau_s))
+    return motion.x - motion.through(SettledLag().step, motion.x, np.exp(-motion.dt / tau_s))
 
 
 def _high_pass(signals: Signals) -> tuple[float, Floats]:
