@@ -12,7 +12,6 @@ Each is one equation: a method of the motion, which is a `MotionSample` for the 
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -63,7 +62,7 @@ class Parameter:
 class Effect(ABC):
     """Common part of all effects: a name, bounded parameters by name, a state that `reset` clears.
 
-    The state is in the class attributes that are a `Memory`; each instance gets copies of them.
+    The state is in the class attributes that are a `Memory`; each instance has the `step` of its own instead.
 
     Raises:
         ValueError: unknown parameter, or a value that is not finite or out of its bounds; one line.
@@ -120,10 +119,12 @@ class Effect(ABC):
         super().__init_subclass__()
         added = {name: value for name, value in vars(cls).items() if isinstance(value, Memory)}
         cls._memories = {**cls._memories, **added}
+        for name in added:
+            delattr(cls, name)  # Python reads an attribute of the instance faster where its class has none
 
     def __init__(self, **values: float) -> None:
         for name, memory in self._memories.items():
-            setattr(self, name, copy(memory))
+            setattr(self, name, type(memory)().step)
         self.values: Mapping[str, float] = self.complete(values)
         self._configure()
         self.reset()
@@ -159,7 +160,7 @@ class Effect(ABC):
     def reset(self) -> None:
         """Clears the state, as after a new contact."""
         for name in self._memories:
-            getattr(self, name).reset()
+            getattr(self, name).__self__.reset()
 
     @property
     def remembers(self) -> bool:

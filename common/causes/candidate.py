@@ -237,7 +237,7 @@ class Transmission(Changing):
         effect = self.effect(shape)
         if isinstance(effect, ContactEffect):
             depth, touching = effect.contact(motion)
-            return replace(motion, x=depth, touching=touching)
+            return replace(motion, x=motion.positive(depth), touching=touching)
         moved: MotionGrid = effect.moved(motion)
         return moved
 

@@ -27,16 +27,18 @@ class _AlongDirection(ForceEffect):
     rubs = True
     element = PrandtlElement()
 
+    def _configure(self) -> None:
+        self._breakaway_m, self._band_m_s = self.values["breakaway_m"], self.values.get(BAND.name, BAND_M_S)
+
     @property
     def remembers(self) -> bool:
-        return self.values["breakaway_m"] > 0.0
+        return self._breakaway_m > 0.0
 
     def direction(self, m: Kinematics) -> Value:
         """s, from -1 to 1; advances `element` if there is a breakaway distance and m is a sample."""
-        breakaway_m = self.values["breakaway_m"]
-        if breakaway_m <= 0.0:
-            return m.direction(self.values.get(BAND.name, BAND_M_S))
-        return m.through(self.element, m.rate * m.dt / breakaway_m)
+        if self._breakaway_m <= 0.0:
+            return m.direction(self._band_m_s)
+        return m.through(self.element, m.rate * m.dt / self._breakaway_m)
 
 
 def _by_direction(fitted: Fitted) -> Values:
@@ -197,9 +199,11 @@ class PreslidingHysteresis(ForceEffect):
         ),
     )  # fmt: skip
 
+    def _configure(self) -> None:
+        self._per_m = self.values["stiffness_n_m"] / self.values["force_n"]
+
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:
-        per_m = self.values["stiffness_n_m"] / self.values["force_n"]
-        d = m.rate * m.dt * per_m
+        d = m.rate * m.dt * self._per_m
         return (m.through(self.bristle, d, m.exp(-abs(d))),)
 
 

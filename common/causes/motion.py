@@ -7,12 +7,13 @@ through each piece from rest, and neither sees nor changes what it remembers of 
 """
 
 import math
+import operator
 from collections import deque
 from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
@@ -32,19 +33,19 @@ class MotionSample:
     """Stamp in s, motion in m, m/s, m/s^2 at the end of a step of dt in s."""
 
     __slots__ = ("a", "dt", "t", "v", "x")
-    exp = staticmethod(math.exp)
-    expm1 = staticmethod(math.expm1)
-    sin = staticmethod(math.sin)
-    cos = staticmethod(math.cos)
-    rint = staticmethod(round)
+    rate: float
+    exp = math.exp
+    expm1 = math.expm1
+    sin = math.sin
+    cos = math.cos
+    rint = round
+    through = operator.call
+    """Output of a memory, given by its `step`, after these inputs."""
+    elementwise = operator.call
+    """Value of a function that is written for floats only."""
 
     def __init__(self, t: float, x: float, v: float, a: float, dt: float) -> None:
         self.t, self.x, self.v, self.a, self.dt = t, x, v, a, dt
-
-    @property
-    def rate(self) -> float:
-        """Velocity of the step: the way gone over dt."""
-        return self.v
 
     @property
     def depth(self) -> float:
@@ -59,42 +60,31 @@ class MotionSample:
         return 1.0 if v >= band_m_s else -1.0 if v <= -band_m_s else v / band_m_s
 
     def along(self, x: float, v: float, a: float) -> "MotionSample":
-        """Another motion at the same time."""
-        return MotionSample(self.t, x, v, a, self.dt)
+        """Itself, with another motion from now on."""
+        self.x, self.v, self.a = x, v, a
+        return self
 
-    @staticmethod
-    def through(memory: "Memory", *inputs: float) -> Any:  # noqa: ANN401 - a float or several
-        """Output of a memory after these inputs."""
-        return memory.step(*inputs)
-
-    @staticmethod
-    def elementwise(function: Callable[..., float], *inputs: float) -> float:
-        """Value of a function that is written for floats only."""
-        return function(*inputs)
-
-    @staticmethod
-    def sign(u: float) -> float:
+    def sign(self, u: float) -> float:
         """1 or -1, by the sign bit where u is 0."""
         return math.copysign(1.0, u)
 
-    @staticmethod
-    def above(u: float) -> float:
+    def above(self, u: float) -> float:
         """1 where u is positive, else 0."""
         return 1.0 if u > 0.0 else 0.0
 
-    @staticmethod
-    def positive(u: float) -> float:
+    def positive(self, u: float) -> float:
         """max(u, 0)."""
         return u if u > 0.0 else 0.0
 
-    @staticmethod
-    def negative(u: float) -> float:
+    def negative(self, u: float) -> float:
         """min(u, 0)."""
         return u if u < 0.0 else 0.0
 
-    @staticmethod
-    def clip(u: float, low: float, high: float) -> float:
+    def clip(self, u: float, low: float, high: float) -> float:
         return min(max(u, low), high)
+
+
+MotionSample.rate = MotionSample.v  # type: ignore[misc]  # of the step: the way gone over dt
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,9 +132,10 @@ class Motion:
     def along(self, x: Array, v: Array, a: Array) -> "Motion":
         return replace(self, x=x, v=v, a=a)
 
-    def through(self, memory: "Memory", *inputs: Value) -> Array:
+    def through(self, step: Any, *inputs: Value) -> Array:  # noqa: ANN401 - a bound `Memory.step`
+        run = step.__self__.run
         whole = [u if isinstance(u, np.ndarray) else np.full(self.x.shape, u) for u in inputs]
-        return np.concatenate([memory.run(*(u[piece] for u in whole)) for piece in self.pieces], axis=-1)
+        return np.concatenate([run(*(u[piece] for u in whole)) for piece in self.pieces], axis=-1)
 
     def elementwise(self, function: Callable[..., float], *inputs: Value) -> Array:
         rows = zip(*(np.broadcast_to(values, self.x.shape).tolist() for values in inputs), strict=True)
@@ -198,14 +189,17 @@ class MotionGrid(Motion):
 
 
 class Memory:
-    """State of an effect, which declares it as a class attribute; each instance has one of its own.
+    """State of an effect, which declares it as a class attribute; each instance has the `step` of its own.
 
     A subclass gives `step` for floats. `run` is the same over arrays, from rest; one that is called often is
     compiled.
     """
 
-    value: Any = 0.0
-    """The state, at rest that of the class."""
+    start: ClassVar[Any] = 0.0
+    """State at rest."""
+
+    def __init__(self) -> None:
+        self.reset()
 
     def step(self, *inputs: Any) -> Any:  # noqa: ANN401 - floats, as many as the memory has
         """Output after a step."""
@@ -219,15 +213,16 @@ class Memory:
         return np.array([fresh.step(*row) for row in rows], dtype=np.float64).T
 
     def reset(self) -> None:
-        self.value = type(self).value
+        self.value = self.start
 
 
 class PrandtlElement(Memory):
     """`s <- clip(s + u, -1, 1)`: a spring in series with dry friction (Prandtl, ZAMM 8(2), 1928)."""
 
     def step(self, u: float) -> Value:
-        self.value = min(max(self.value + u, -1.0), 1.0)
-        return self.value
+        s = self.value + u
+        self.value = s = -1.0 if s < -1.0 else 1.0 if s > 1.0 else s
+        return s
 
     @staticmethod
     @lazy_kernel
@@ -266,8 +261,9 @@ class Lag(Memory):
     """`tau y' = u - y`, exact for u constant over dt, with decay = exp(-dt / tau)."""
 
     def step(self, u: float, decay: float) -> Value:
-        self.value = u + (self.value - u) * decay
-        return self.value
+        before = u if self.value is None else self.value
+        self.value = y = u + (before - u) * decay
+        return y
 
     @staticmethod
     def run(u: Array, decay: Array) -> Array:
@@ -277,11 +273,7 @@ class Lag(Memory):
 class SettledLag(Lag):
     """`Lag` that is settled at its first input."""
 
-    value = None
-
-    def step(self, u: float, decay: float) -> Value:
-        self.value = u if self.value is None else self.value
-        return super().step(u, decay)
+    start = None
 
     @staticmethod
     def run(u: Array, decay: Array) -> Array:
@@ -327,15 +319,15 @@ class Gap(Memory):
     of Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989.
     """
 
-    value = None
+    start = None
 
     def step(self, x: float, half: float, rest: float, decay: float) -> tuple[float, float]:
-        stays = math.isnan(rest)
+        stays, low, high = math.isnan(rest), x - half, x + half
         if self.value is None:
-            self.value = x if stays else min(max(rest, x - half), x + half)
+            self.value = x if stays else min(max(rest, low), high)
         free = self.value if stays else rest + (self.value - rest) * decay
-        self.value = min(max(free, x - half), x + half)
-        return self.value, float(self.value != free)
+        self.value = y = low if free < low else high if free > high else free
+        return y, 1.0 if y != free else 0.0
 
     @staticmethod
     @lazy_kernel
@@ -359,9 +351,9 @@ class Oscillator(Memory):
     ec, es: exp(-d w dt) times cos and sin / w_d of w_d dt. decay: d w. square: w^2.
     """
 
-    value = (0.0, 0.0)
+    start = (0.0, 0.0)
 
-    def step(self, a: float, ec: float, es: float, decay: float, square: float) -> tuple[float, float]:
+    def step(self, a: float, ec: float, es: float, decay: float, square: float) -> Value:
         (z, w), rest = self.value, a / square
         y = z - rest
         self.value = rest + (ec + decay * es) * y + es * w, (ec - decay * es) * w - square * es * y

@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from math import prod
 from operator import mul
 
 import numpy as np
@@ -128,20 +127,21 @@ class ContactRuntime:
         first = len(phi)
         for compute in self._at_shaft:
             phi += compute(m)
-        x = m.x
-        depth, touching = (x, 1.0) if self._in_contact is None else self._in_contact(m)
-        if not touching:
-            self._lose_contact()
-            phi += self._no_wall
-        else:
+        x, touching = m.x, 1.0
+        if self._in_contact is not None:
+            m.x, touching = self._in_contact(m)
+        if touching:
             self._touching = True
-            m.x = depth
             for compute in self._at_wall:
                 phi += compute(m)
-            m.x = x
+        else:
+            self._lose_contact()
+            phi += self._no_wall
+        m.x = x
         if self._factors:
-            force_n = sum(map(mul, self.linear_values[first:], phi[first:]))
-            factor = prod(effect.factor(m, force_n) for effect in self._factors)
+            force_n, factor = sum(map(mul, self.linear_values[first:], phi[first:])), 1.0
+            for effect in self._factors:
+                factor *= effect.factor(m, force_n)
             phi[first:] = [factor * value for value in phi[first:]]
         return phi
 

@@ -51,9 +51,10 @@ class Backlash(MotionEffect):
 
     def moved(self, m: Kinematics) -> Kinematics:
         """Instrument's motion: the stage's velocity and acceleration while it pushes or pulls, else rest."""
-        if self.values["width_m"] == 0.0:
+        half_m = 0.5 * self.values["width_m"]
+        if half_m == 0.0:
             return m
-        y, carried = m.through(self.gap, m.x, 0.5 * self.values["width_m"], nan, 1.0)
+        y, carried = m.through(self.gap, m.x, half_m, nan, 1.0)
         return m.along(y, m.v * carried, m.a * carried)
 
 

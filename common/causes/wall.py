@@ -282,11 +282,14 @@ class ContactLoss(ContactEffect):
         ),
     )  # fmt: skip
 
+    def _configure(self) -> None:
+        self._position_m, self._release_s = self.values["contact_position_m"], self.values["release_s"]
+
     def contact(self, m: Kinematics) -> tuple[Value, Value]:
-        """(depth in m, 0 while the wall does not push; 1 while it pushes, else 0)."""
-        depth, release_s = m.x - self.values["contact_position_m"], self.values["release_s"]
+        """(depth in m, below 0 before the wall; 1 while the wall pushes, else 0)."""
+        depth = m.x - self._position_m
         touching = m.above(depth)
-        if release_s == 0.0:
-            return m.positive(depth), touching
-        touching = touching * m.above(depth + release_s * m.v)
-        return m.positive(depth) * touching, touching
+        if self._release_s == 0.0:
+            return depth, touching
+        touching = touching * m.above(depth + self._release_s * m.v)
+        return depth * touching, touching

@@ -107,13 +107,14 @@ def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
     low, high = np.quantile(motion.x, (0.05, 0.95))
     depth = (motion.x - 0.5 * (low + high)) / max(high - low, 1e-300)
     steps = motion.rate * motion.dt / max(high - low, 1e-300)
-    dry = [motion.direction(), *(motion.through(PrandtlElement(), steps / share) for share in _PRESLIDING)]
+    element = PrandtlElement().step
+    dry = [motion.direction(), *(motion.through(element, steps / share) for share in _PRESLIDING)]
     base = [signals.linear_spectrum(derivative) for derivative in (2, 1, 0)]
     rows = signals.rows
     if _HEAVIEST_KG * np.std(signals.column(base[0])[rows]) < np.std(signals.force[rows]):
         del base[0]
     decays = (np.exp(-motion.dt / tau_s) for tau_s in _RELAXING_S)
-    settled = (motion.through(SettledLag(), motion.x, decay) for decay in decays)  # of Maxwell branches
+    settled = (motion.through(SettledLag().step, motion.x, decay) for decay in decays)  # of Maxwell branches
     return {
         "base": base,
         "friction": [signals.spectrum(column) for column in dry],

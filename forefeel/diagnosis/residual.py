@@ -172,4 +172,4 @@ def since_reversal(motion: MotionGrid) -> Floats:
 
 
 def _smoothed(motion: MotionGrid, values: Floats, tau_s: float) -> Floats:
-    return motion.through(Lag(), values, np.exp(-motion.dt / tau_s))
+    return motion.through(Lag().step, values, np.exp(-motion.dt / tau_s))
