@@ -90,10 +90,11 @@ class ContactRuntime:
         self._compose_forces(effects)
 
     def _compose_forces(self, effects: Sequence[tuple[Effect, Site | None]]) -> None:
-        """Sorts the force effects by site, labels a second one of equal name `effect-2`; ignores the others.
+        """Sorts the force effects by site and labels a second one of equal name `effect-2`.
 
-        Sets `linear_names`, `linear_values`, the effects and their `regressors` by site, and the zeros that
-        stand for the wall out of contact, and for shaft and wall while nothing is gripped.
+        Effects of other kinds are ignored. Sets `linear_names`, `linear_values`, the effects and their
+        `regressors` by site, and the zeros that stand for the wall out of contact, and for shaft and wall
+        while nothing is gripped.
         """
         by_site: dict[Site, list[ForceEffect]] = {site: [] for site in SITES}
         labels: dict[ForceEffect, str] = {}
