@@ -47,7 +47,7 @@ class Parameter:
         """Returns `value` as a float.
 
         Raises:
-            ValueError: not a number, not finite or out of bounds; one line that starts with `place`.
+            ValueError: a bool or no number, not finite, or out of bounds; one line that starts with `place`.
         """
         if (
             isinstance(value, int | float)
@@ -134,7 +134,8 @@ class Effect(ABC):
         """Returns every parameter by name: `values` checked, shorthands spelled out, defaults for the rest.
 
         Raises:
-            ValueError: unknown, set twice or out of bounds; one line that starts with `place` or our name.
+            ValueError: unknown, set twice, no number or out of bounds; one line that starts with `place`, by
+                default the effect's name.
         """
         known = {parameter.name: parameter for parameter in cls.parameters}
         given: dict[str, float] = {}

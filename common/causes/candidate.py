@@ -163,7 +163,11 @@ class Form(Candidate):
         return (self.site or self.kind.site) == "wall"
 
     def columns(self, motion: MotionGrid, shape: Shape) -> list[Array]:
-        """Columns of shape (n,): per element those of the coefficients, then those of `beside`."""
+        """Returns the columns of the cause in a regression at a shape, each over the motion, of shape (n,).
+
+        The `elements` get equal parts of the shape. Each has the columns of its coefficients (its regressors,
+        or their mixture by `mix`), then those of `beside`.
+        """
         columns: list[Array] = []
         for part in map(tuple, np.reshape(shape, (self.elements, -1)).tolist()):
             phi = self.effect(part).columns(motion).T
@@ -233,7 +237,11 @@ class Transmission(Changing):
     """Changes the motion for all forces. Its own column is the acceleration of a second mass behind it."""
 
     def moved(self, motion: MotionGrid, shape: Shape) -> MotionGrid:
-        """The motion behind the cause; of a contact effect the depth as position, and when it is touched."""
+        """Returns the motion behind the cause at a shape; the given motion stays as it is.
+
+        Behind a motion effect, such as play, it is the instrument's; a contact effect changes `x` to the
+        depth beyond the contact, at least 0, and `touching`, 1 in contact.
+        """
         effect = self.effect(shape)
         if isinstance(effect, ContactEffect):
             depth, touching = effect.contact(motion)

@@ -33,7 +33,11 @@ def _wraps_of_depths(extent: Extent) -> list[Shape]:
 
 
 def _by_the_tip(form: str, wrap: str, grid: Grid) -> Modulation:
-    """Form with a preload as coefficient; the tip's force has the sign of the reading less `zero_n`."""
+    """Returns a form of the capstan that takes the reading less `zero_n` for the sign of the tip's force.
+
+    `wrap`: the parameter that is searched together with `zero_n`. Its coefficient is a preload: a model.yaml
+    gets an entry of the capstan and a `bias` at the site `wall`.
+    """
 
     def named(fitted: Fitted) -> Values:
         return {wrap: fitted.shape[0]}

@@ -58,7 +58,11 @@ def words(name: str) -> str:
 
 
 def equation(name: str, parameters: Mapping[str, float]) -> tuple[bool, str]:
-    """(adds a force, equation in numbers) of a cause; (False, its words) if none has these parameters."""
+    """Returns (True if the cause adds a force, its equation with the numbers of the parameters in it).
+
+    `name`: of a form. Takes the first equation whose parameters are all given; without one it returns (False,
+    the cause's name in everyday words).
+    """
     kind = cause_class(name)
     values = {key: f"{value:.3g}" for key, value in parameters.items()}
     for text in kind.equation:
@@ -68,7 +72,11 @@ def equation(name: str, parameters: Mapping[str, float]) -> tuple[bool, str]:
 
 
 def _installed(report: Callable[[str], None]) -> Iterator[tuple[str, Candidate]]:
-    """Forms of the effects that other distributions add; reports those that can not be searched."""
+    """Yields (name, form) of every effect of other distributions that a diagnosis can search; loads them.
+
+    `report` gets one line for each effect that it leaves out: one that fails to load, or that declares no
+    form and adds no force or has more than `MOST_SHAPES` parameters that are not linear.
+    """
     for name in effect_names():
         if name in OWN:
             continue

@@ -29,7 +29,11 @@ class GenericForce(Form):
     """Columns of a span, over shapes between the bounds of the parameters."""
 
     def of(self, kind: type[Effect]) -> Self:
-        """Copy for that cause, with its grid and sizes; signs are free if it overrides `span`."""
+        """Returns a copy for the effect `kind`: grid by its searched parameters, sizes by its linear ones.
+
+        If `kind` overrides `span`, each column of that may have either sign; else signs follow from the
+        bounds.
+        """
         form = super().of(kind)
         sizes, grid = tuple(p.name for p in kind.parameters if p.linear), partial(_grid, form.searched)
         if form.kind.span is ForceEffect.span:
@@ -77,7 +81,11 @@ def _logarithmic(p: Parameter) -> bool:
 
 
 def _useful_bounds(p: Parameter, extent: Extent) -> tuple[float, float]:
-    """Bounds of a parameter, narrowed by its unit to the values that the recording can tell apart."""
+    """Returns the bounds of a parameter, narrowed to the values that a recording of that extent resolves.
+
+    A unit of m, s, Hz or m/s narrows them, by the recording's stroke, length, cutoff or speed. On a linear
+    scale only m does, to the range of positions. If nothing would be left, they are not narrowed.
+    """
     e = extent
     useful: tuple[float, float] | None = {
         "m": (e.stroke_m / _FINEST, 2.0 * e.stroke_m),

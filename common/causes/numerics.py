@@ -17,9 +17,9 @@ def intervals_s(t: Array) -> Array:
 
 
 def lazy_kernel(function: F) -> F:
-    """Decorator that compiles a loop at its first call: a daemon, which never calls it, loads no compiler.
+    """Decorator that compiles a loop by numba at its first call; before that no compiler is loaded.
 
-    Arrays are passed contiguous and writable, else copied: one compilation fits all recordings.
+    Arrays are passed as contiguous and writable float64, else copied: one compilation fits all recordings.
     """
 
     @cache
@@ -55,7 +55,10 @@ def share_above(x: Array, limit: float) -> Array:
 
 
 def _means(u: Array, integral: Callable[[Array], Array], value: Callable[[Array], Array]) -> Array:
-    """Means of `value` over half an interval to each side, u linear between; `integral`: antiderivative."""
+    """Returns the mean of value(u) from half an interval before each sample to half an interval after it.
+
+    u is linear in between, and `integral` is the antiderivative of `value`: the means are exact. Shape (n,).
+    """
     between = 0.5 * (u[1:] + u[:-1])
     ends = np.concatenate([u[:1], between]), np.concatenate([between, u[-1:]])
     total, at = integral(u), value(u)

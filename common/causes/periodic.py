@@ -20,7 +20,11 @@ from forefeel.common.causes.numerics import Array
 
 
 def harmonic_parameters(frequency_hz: float, lower_hz: float, upper_hz: float) -> tuple[Parameter, ...]:
-    """Parameters of a periodic force whose fundamental lies between these bounds."""
+    """Returns the seven parameters of a `PeriodicForce`, whose fundamental lies between these bounds.
+
+    Amplitude, frequency (by default `frequency_hz`) and phase, then ratio and phase of the second and the
+    third harmonic.
+    """
     return (
         Parameter("amplitude_n", "N", 0.0, 0.0, 1e3, explains=0.15),
         Parameter("frequency_hz", "Hz", frequency_hz, lower_hz, upper_hz, linear=False),
@@ -49,7 +53,10 @@ class PeriodicForce(ForceEffect):
         self._phase3 = values["third_harmonic_phase_rad"]
 
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:
-        """(sin p + r2 sin(2p + q2) + r3 sin(3p + q3),)."""
+        """Returns the wave of amplitude 1 at m.t: (sin p + r2 sin(2p + q2) + r3 sin(3p + q3),).
+
+        p = 2 pi frequency_hz t + phase_rad; r, q: ratio and phase of a harmonic.
+        """
         p = self._omega * m.t + self._phase
         wave = m.sin(p)
         if self._ratio2:
@@ -66,7 +73,10 @@ class PeriodicForce(ForceEffect):
         return np.stack((*sines, *cosines)).T
 
     def from_span(self, coefficients: Sequence[float]) -> dict[str, float]:
-        """Amplitude, ratios and phases, from sines and cosines; ratios are 0 if the fundamental is."""
+        """Returns all parameters by name from the six coefficients of `span`: of three sines, then cosines.
+
+        Amplitude, phases and ratios follow from these, others stay; ratios are 0 if the fundamental is.
+        """
         sines, cosines = np.reshape(coefficients, (2, 3)).tolist()
         amplitude_n, phase = hypot(sines[0], cosines[0]), atan2(cosines[0], sines[0])
         values = {**self.values, "amplitude_n": amplitude_n, "phase_rad": phase}

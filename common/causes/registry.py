@@ -59,7 +59,7 @@ def effect_names() -> tuple[str, ...]:
 
 @cache
 def effect_class(name: str) -> type[Effect]:
-    """The effect of that name; loads and tries an installed one at the first call.
+    """Returns the class of the effect of that name; loads and tries an installed one at the first call.
 
     Raises:
         ValueError: no such effect, or an entry point that is not usable; one line.
@@ -85,7 +85,10 @@ _TRIAL_STEP_S = 1e-3  # s, time and step of the trial calls: one period at 1 kHz
 
 
 def load_plugin(points: Sequence[EntryPoint]) -> type[Effect]:
-    """Loads the effect of the entry points of one name, checks it and runs it for some steps.
+    """Loads the effect class of an entry point, checks its attributes, runs it for some steps and returns it.
+
+    Args:
+        points: all entry points of one name.
 
     Raises:
         ValueError: more than one, not loadable, no effect of that name, or one that fails when it is tried at
@@ -113,7 +116,11 @@ def load_plugin(points: Sequence[EntryPoint]) -> type[Effect]:
 
 
 def _flaws(kind: type[Effect], name: str) -> Iterator[str]:
-    """Texts on wrong class attributes of an effect: name, parameters, bounds, site; the gravest first."""
+    """Yields a text on each flaw of an effect class, the gravest first; nothing for a sound one.
+
+    Flaws: another name than `name`, abstract methods left, wrong parameters or bounds, a force without a
+    site.
+    """
     if getattr(kind, "name", None) != name:
         yield f"expected an effect named {name}, its name is {getattr(kind, 'name', None)!r}"
     if isabstract(kind):

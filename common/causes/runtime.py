@@ -89,7 +89,12 @@ class ContactRuntime:
         self._compose_forces(effects)
 
     def _compose_forces(self, effects: Sequence[tuple[Effect, Site | None]]) -> None:
-        """Sorts the force effects by site, numbers those of equal name, sets `linear_names` and values."""
+        """Sorts the force effects by site and labels a second one of equal name `effect-2`.
+
+        Effects of other kinds are ignored. Sets `linear_names`, `linear_values`, the effects and their
+        `regressors` by site, and the zeros that stand for the wall out of contact, and for shaft and wall
+        while nothing is gripped.
+        """
         by_site: dict[Site, list[ForceEffect]] = {site: [] for site in SITES}
         labels: dict[ForceEffect, str] = {}
         count: Counter[str] = Counter()
@@ -111,10 +116,11 @@ class ContactRuntime:
         self._no_wall, self._unheld = (0.0,) * wall, (0.0,) * (shaft + wall)
 
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> list[float]:
-        """Advances the effects by dt to time t; returns phi_i of `linear_names`: 0 at a wall out of contact.
+        """Advances all but the sensor effects by dt to time t; returns phi_i of `linear_names`.
 
-        t, dt in s; x m, v m/s, a m/s^2: the stage's motion at the end of the step. To be called once per
-        step, or `step` in its place.
+        phi_i of the wall are 0 out of contact, whose loss resets the wall's effects; factor effects multiply
+        those of shaft and wall. Sets `instrument_m`. t, dt in s; x m, v m/s, a m/s^2: the stage's motion at
+        the end of the step. To be called once per step, or `step` in its place.
         """
         phi: list[float] = []
         m = self._sample
@@ -146,7 +152,10 @@ class ContactRuntime:
         return phi
 
     def regressors_unheld(self, t: float, x: float, v: float, a: float, dt: float) -> list[float]:
-        """Regressors while the fixture does not hold the instrument: 0 but for the effects in the sensor."""
+        """Returns phi_i of `linear_names` while nothing grips the instrument: 0 but for forces in the sensor.
+
+        Advances these effects by dt to time t; the others keep their states.
+        """
         phi: list[float] = []
         m = self._sample
         m.t, m.x, m.v, m.a, m.dt = t, x, v, a, dt
@@ -170,9 +179,10 @@ class ContactRuntime:
         return force_n
 
     def columns(self, t: Array, x: Array, v: Array, a: Array, *, sensed: bool = False) -> Array:
-        """`regressors` at every stamp of a recording, from rest at the first; shape (n, linear names).
+        """Returns phi_i at every stamp of a recording, from rest at the first; shape (n, linear names).
 
-        `sensed`: passes each column through the linear sensor effects, such as a lag.
+        Equals `regressors` step by step, but changes no state. `sensed`: passes each column through the
+        linear sensor effects, such as a lag.
         """
         stage = m = Motion.of(t, x, v, a)
         for moved in self._moved:

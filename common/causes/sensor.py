@@ -200,7 +200,11 @@ class SensorSpikes(SensorEffect):
         return force_n + m.elementwise(self._spike_n, m.t, m.dt)
 
     def _spike_n(self, t: float, dt: float) -> float:
-        """Size in N of the latest spike that acts at t; 0 without."""
+        """Returns the size in N, with its sign, of the latest spike that still acts at t; 0 without.
+
+        A spike acts for `duration_s`, or for dt where that is longer, 0.1 s at most. Keeps the last slot as a
+        cache.
+        """
         if self._slots_hz == 0.0:
             return 0.0
         since = t - min(max(dt, self._duration_s), _LONGEST_S)

@@ -121,7 +121,11 @@ class Play(Backlash):
     )  # fmt: skip
 
     def moved(self, m: Kinematics) -> Kinematics:
-        """Instrument's motion: with the stage while it pushes or pulls, else at rest or settling to it."""
+        """Returns the instrument's motion for the stage's motion m; at a side of the gap it is carried.
+
+        Within the gap it rests, or with a settling_s below `HELD_S` settles to rest_position_m. With a width
+        of 0 it is the stage's motion. Advances the gap's state at a `MotionSample`.
+        """
         width_m, rest_m, settling_s = (self.values[p.name] for p in self.parameters)
         if settling_s >= HELD_S or width_m == 0.0:
             return super().moved(m)

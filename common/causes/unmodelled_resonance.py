@@ -53,7 +53,10 @@ def _weak(omega: Array, shape: Shape) -> Spectrum:
 
 
 def _absorber(fitted: Fitted) -> list[Entry]:
-    """A resonance from c[0] `w^2 y` + c[1] `w y'`; without c[1] its damper follows from the shape."""
+    """Returns one model.yaml entry: the resonance of force c[0] `w^2 y` + c[1] `w y'`, c the coefficients.
+
+    Without c[1] its damper follows from the damping ratio. Values are clipped to the parameters' bounds.
+    """
     (frequency_hz, damping_ratio), c = fitted.shape, fitted.coefficients
     w, damper = 2.0 * pi * frequency_hz, c[1] if len(c) > 1 else 2.0 * damping_ratio * c[0]
     values = {

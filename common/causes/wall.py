@@ -191,7 +191,10 @@ def _ratio_and_rest(fitted: Fitted) -> Values:
 
 
 def _change(fitted: Fitted) -> list[Entry]:
-    """Change of the stiffness of the fit, at least 1e-9 N/m; a level gives the rest position, else 0."""
+    """Returns one model.yaml entry, a `stiffness_change` from the stiffness of the fit, at least 1e-9 N/m.
+
+    A second coefficient, a level in N, gives the rest position, else 0; time_s is a stamp of the recording.
+    """
     stiffness = float(max(fitted.base[2], 1e-9))
     change, level = (*map(float, fitted.coefficients), 0.0)[:2]
     values = {

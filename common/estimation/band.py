@@ -53,7 +53,11 @@ def begin(band: NDArray[np.void]) -> None:
 
 @kernel
 def learn(band: Band, error_n: float, half_n: float, scale_n: float, w: float) -> None:
-    """Takes in the error of a prediction, with the half width and scale of its band; `w`: its time in s."""
+    """Updates the statistics of the 95 % band by the error of a prediction; `w`: the time in s it stands for.
+
+    A miss, |error_n| > half_n, widens by `shift`, a hit narrows. |error_n| / scale_n enters the histogram
+    `scores`, and |error_n| the recent mean; the past of these two fades within 20 s and 2 s, faster at first.
+    """
     size_n = abs(error_n)
     miss = 1.0 if size_n > half_n else 0.0
     band.shift = min(_SHIFT_LIMIT, max(-_SHIFT_LIMIT, band.shift + _SHIFT_RATE * w * (miss - _MISSES)))
@@ -91,7 +95,10 @@ def scale_n(recent_n: float, spread_n2: float, deviation_n: float, range_n: floa
 
 @kernel
 def _quantile(scores: Array) -> float:
-    """log2 of the score that one in twenty exceeds."""
+    """Returns log2 of the score |e| / scale that 5 % of the weight in a histogram exceeds, interpolated.
+
+    `scores`: weight in s by bins of an eighth of an octave; bin 64 is a score of 1.
+    """
     beyond: float = _MISSES * scores.sum()
     b = _BINS - 1
     while b > 0 and beyond > scores[b]:

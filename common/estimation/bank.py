@@ -103,7 +103,11 @@ def begin(bank: NDArray[np.void]) -> None:
 
 @kernel
 def advance(bank: Bank, t: float, x: float) -> bool:
-    """Adds one sample, without its phi; False, unchanged, if not finite or its stamp does not increase."""
+    """Adds the position x in m at stamp t and updates the states; its phi is left to `fill`.
+
+    Returns False, and changes nothing, if not finite or the stamp does not increase. A position too far off
+    is replaced by the last one until the next confirms it; after a gap or `restart` a new piece begins.
+    """
     n = int(bank.count)
     last = (n - 1) % RING
     if not (math.isfinite(t) and math.isfinite(x)) or (n > 0 and t <= bank.t_s[last]):
@@ -133,7 +137,12 @@ def advance(bank: Bank, t: float, x: float) -> bool:
 
 @kernel
 def _accepted(bank: Bank, n: int, x: float, dt: float) -> float:
-    """x, or the last position if x is out of reach; again x if the next confirms it, a new piece if far."""
+    """Returns x, or the last position if x is over ten times as far from it as the fastest speed leads in dt.
+
+    An x refused is kept as `suspect_m`. A next one that is nearer to it than to the last position is
+    accepted, raises `fastest_m_s`, and sets `restart` for a new piece if it is beyond the range or the piece
+    has just begun. Before the origin is known all are accepted.
+    """
     before = float(bank.x_m[(n - 1) % RING])
     jump, suspect, least_s = abs(x - before), bank.suspect_m, max(dt, bank.period_s)
     bank.suspect_m = np.nan
@@ -156,7 +165,10 @@ def at_rest(bank: Bank, n: int) -> bool:
 
 @kernel
 def _begin_piece(bank: Bank, n: int, t: float, x: float) -> None:
-    """Starts a piece at sample n: resets stops and means; speed and acceleration stay."""
+    """Starts a piece of motion at sample n and position x: median, place of rest and means become x.
+
+    Stops and the means of friction become 0. Origin, range, speed and acceleration stay.
+    """
     bank.start = n
     bank.began_m = bank.median_m = bank.rest_m = x
     bank.moved_s = t
@@ -167,7 +179,11 @@ def _begin_piece(bank: Bank, n: int, t: float, x: float) -> None:
 
 @kernel
 def _begin_range(bank: Bank, n: int, t: float, x: float) -> None:
-    """Sets origin, range and fastest speed from the first three samples; a piece starts at their median."""
+    """Sets origin, range and fastest speed from the first three samples, of which n is the last.
+
+    Origin and range, of zero width, are their median, from which a piece begins anew; the mean speed
+    restarts.
+    """
     one, two = abs(x - bank.median_m), abs(bank.x_m[(n - 1) % RING] - bank.median_m)
     zero = abs(bank.x_m[(n - 2) % RING] - bank.median_m)
     bank.fastest_m_s = (one + two + zero - max(one, two, zero)) / bank.period_s
@@ -178,7 +194,11 @@ def _begin_range(bank: Bank, n: int, t: float, x: float) -> None:
 
 @kernel
 def _follow(bank: Bank, n: int, x: float, dx: float, dt: float) -> None:
-    """Moves stops, speeds and means on by one sample."""
+    """Updates period, range, speeds, v, a and stops by sample n, which is `dx` and `dt` after the last one.
+
+    Range, stops and fastest speed follow the median of the last three positions. Means of relaxations and the
+    ring are left to others.
+    """
     bank.period_s = dt if bank.period_s == 0.0 else bank.period_s + 0.02 * (dt - bank.period_s)
     median = x
     if n - bank.start >= 2:
@@ -205,7 +225,11 @@ def _follow(bank: Bank, n: int, x: float, dx: float, dt: float) -> None:
 
 @kernel
 def _widen(bank: Bank) -> None:
-    """Gives the smallest stops the radii of the next octaves if the range has outgrown the largest."""
+    """Gives the smallest stops the radii of the next octaves if the range of motion exceeds 2^octave m.
+
+    Else does nothing. For each such stop it clears the column of phi in the whole ring and sets `renewed`;
+    then it sets `octave`.
+    """
     width = bank.high_m - bank.low_m
     if width <= 0.0 or (bank.octave != NO_OCTAVE and width <= 2.0**bank.octave):
         return
@@ -225,7 +249,10 @@ def _widen(bank: Bank) -> None:
 
 @kernel
 def fill(bank: Bank) -> None:
-    """Computes phi of the newest sample, 0 before x0 is known, and moves the means of the relaxations on."""
+    """Computes the regressors phi of the newest sample, in its place of the ring; all 0 before x0 is known.
+
+    Once it is, also advances the means of the relaxations by the time since the last sample of the piece.
+    """
     n = int(bank.count) - 1
     i = n % RING
     dt = bank.t_s[i] - bank.t_s[(n - 1) % RING] if n > bank.start else 0.0
@@ -249,7 +276,10 @@ def fill(bank: Bank) -> None:
 
 @kernel
 def _fill_relaxations(bank: Bank, phi: Array, x: float, friction: float, dt: float) -> None:
-    """Moves the means of x and friction on by dt; phi gets the differences from them."""
+    """Advances the means of x and friction over 0.1, 1, 10 s by dt; sets phi to the differences from them.
+
+    With a dt of 0, at the start of a piece, the means stay.
+    """
     for j in range(len(RELAXATIONS_S)):
         if dt > 0.0:
             share = 1.0 - math.exp(-dt / RELAXATIONS_S[j])
@@ -261,10 +291,10 @@ def _fill_relaxations(bank: Bank, phi: Array, x: float, friction: float, dt: flo
 
 @kernel
 def _fill_differences(bank: Bank, phi: Array, n: int) -> None:
-    """Sets first to third derivative of each span, by divided differences over the actual stamps.
+    """Sets first to third derivative of x in phi by divided differences over 1 to 16 samples, see `SPANS`.
 
     Until three spans fit into the piece, the next shorter span replaces them, and for its first three samples
-    the end of the last piece: zeros would look like a jerk.
+    the values of the sample before: zeros would look like a jerk.
     """
     t, x = bank.t_s, bank.x_m
     p0 = n % RING
@@ -302,7 +332,10 @@ def find(bank: Bank, stamp: float) -> int:
 
 @kernel
 def last_until(stamps_s: Array, count: int, stamp: float) -> int:
-    """Number of the last of `count` stamps in a ring that is no later; of the oldest if all are later."""
+    """Returns the number of the last sample in a ring that is no later than `stamp`, else of the oldest.
+
+    `stamps_s`: in s and rising, a sample at its number modulo `RING`; `count`: samples so far; 0 returns 0.
+    """
     low, high = max(0, count - RING), count - 1
     while low < high:
         middle = (low + high + 1) // 2

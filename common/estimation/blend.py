@@ -85,7 +85,12 @@ def begin(blend: NDArray[np.void], taught: bool) -> None:
 
 @kernel
 def judge(blend: Blend, members_n: Array, force_n: float, range_n: float, h: float) -> None:
-    """Updates losses, reach and weights by a force of `h` seconds, its predictions, the forces' range."""
+    """Updates losses, reach and weights of a blend by a force that has arrived; `h`: its time in s.
+
+    `members_n`: what each member predicted for it in N, first the zero-order hold; one with NaN gets the loss
+    of the hold. Losses are squared errors, capped but for members that another run has taught. `range_n`: of
+    all forces, counts for the reach in the first 5 s.
+    """
     error_n2 = (force_n - members_n[ZOH]) ** 2
     keep_fast, keep_slow = math.exp(-h / _MEMORIES_S[0]), math.exp(-h / _MEMORIES_S[1])
     blend.seen_fast = blend.seen_fast * keep_fast + h
@@ -109,7 +114,12 @@ def judge(blend: Blend, members_n: Array, force_n: float, range_n: float, h: flo
 
 @kernel
 def _weigh(blend: Blend) -> None:
-    """Sets the weights by the losses; their sum is 1."""
+    """Sets the members' weights, of sum 1, in proportion to v^-4: v is the mean loss and what is added.
+
+    Added are a floor by the largest error of the hold, sigma^2 for the contact, and while little is known a
+    term that makes all alike but the odd expert and taught members; taught ones get up to 11 times the
+    weight.
+    """
     weights, largest_n2 = blend.weights, blend.largest_n * blend.largest_n
     known = blend.informed_n2 / (_COLD_ERRORS * largest_n2 + _TINY) + (blend.known_s / _COLD_S) ** 2
     cold = _COLD * _COLD * largest_n2 / (1.0 + known)
@@ -134,7 +144,10 @@ def _weigh(blend: Blend) -> None:
 
 @kernel
 def mean(weights: Array, members_n: Array) -> tuple[float, float, int]:
-    """Weighted mean of the predictions that are not NaN, their variance in N^2, number of the leading one."""
+    """Returns (weighted mean of predictions in N, their variance in N^2, index of the leader); skips NaN.
+
+    The leader has the largest weight. If their weights are all 0, returns (prediction of the hold, 0, `ZOH`).
+    """
     total = force_n = 0.0
     leading = ZOH
     for e in range(MEMBERS):

@@ -46,9 +46,10 @@ class Change(Protocol):
 
 @kernel
 def changed(change: Change, error_n: float, range_n: float, w: float) -> bool:
-    """Takes in an error of `w` seconds of the plain expert; True after 0.5 s of over three times the usual.
+    """Updates the usual error of the plain expert by one of `w` seconds; True where a change is detected.
 
-    At most once in 10 s. Errors below a thousandth of `range_n`, the range of the forces, are usual.
+    That is after 0.5 s over three times the usual, but not in the first 10 s, nor within 10 s of the last
+    one; the usual then restarts from the errors of now. It includes a thousandth of `range_n`, of the forces.
     """
     size_n = abs(error_n)
     usual_n = change.usual / (change.weight + 1e-9) + _LARGE_OF_RANGE * range_n
@@ -88,7 +89,12 @@ def begin(trial: NDArray[np.void]) -> None:
 
 @kernel
 def judge(trial: Trial, force_n: float, predicted_n: float, held_n: float, w: float) -> None:
-    """Adds a force of `w` seconds to a trial; ends it after 2 s, `failed` if far worse than the hold."""
+    """Adds `w` seconds of squared errors to a trial; every 2 s sets `failed` if due and restarts the sums.
+
+    It is due if the mean square error of the prediction is NaN, or exceeds 4 times that of the zero-order
+    hold, `held_n`, plus the square of a fifth of the range of forces in this and the last trial. Never clears
+    `failed`.
+    """
     trial.seconds += w
     trial.predicted_n2 += w * (force_n - predicted_n) ** 2
     trial.held_n2 += w * (force_n - held_n) ** 2

@@ -54,7 +54,10 @@ class ContactFit:
         self._n = 0
 
     def _of_prior(self, prior: ContactPrior) -> Contact:
-        """Contact with the values of a prior, before any sample."""
+        """Returns a contact with the names, values and covariance of a prior, as before any sample.
+
+        Model, theta and noise are those of `self._belief`, which has to follow from that prior.
+        """
         shape, _ = self._belief.shape_of(MotionExtent(0.0, 0.0, 0.0))
         return Contact(
             model=self._causes.model(shape, 0.0),
@@ -72,8 +75,9 @@ class ContactFit:
     def observe(self, t_s: float, x_m: float, v_m_s: float, a_m_s2: float, force_n: float) -> None:
         """Adds a sample: the motion at a command's stamp and the force in N that answers it.
 
-        It is ignored if it is out of order, less than 4 ms after the last, not finite, out of bounds or at
-        the end of the sensor's range.
+        Ignores one that is out of order, under about 4 ms after the last, not finite, out of bounds or at the
+        end of the sensor's range. Extends the range of motion and the time in contact; before any motion all
+        samples are dropped every 0.75 s.
         """
         dt = t_s - self._newest_s if self._n else inf
         if dt < 0.9 * _STEP_S or not isfinite(t_s) or self._sensor.at_limit(force_n):
@@ -105,7 +109,10 @@ class ContactFit:
             self._new_until_s = t_s + _NEW_S
 
     def due(self) -> Fitting | None:
-        """Job on the newest 30 s, every .75 s of stamps; else None, also before `apply` or any motion."""
+        """Returns a job to fit the newest 30 s, every 0.75 s of stamps, and marks it as under way.
+
+        Returns None if it is too early, before `apply` has taken the last result, or before any motion.
+        """
         if self._under_way or self._searched_range_m == 0.0:
             return None
         t_s = self._newest_s
@@ -125,7 +132,11 @@ class ContactFit:
         )
 
     def apply(self, contact: Contact | None) -> None:
-        """Takes the result of the last job; None discards all samples, a change those before `since_s`."""
+        """Takes the result of the last job as `contact`; None discards all samples and the range of motion.
+
+        If `contradicted`, the belief is that without a prior. A finite `since_s`, a change, makes the new
+        contact a wide prior and drops the samples before it.
+        """
         self._under_way = False
         if contact is None:
             self._n = 0
@@ -152,7 +163,11 @@ class ContactExpert:
         self.reset()
 
     def use(self, contact: Contact) -> None:
-        """Switches to another contact; the states of friction and relaxation stay."""
+        """Switches to a contact; the states of friction and relaxation stay.
+
+        The first one builds effects and sensor. A later one changes their parameters and theta only; it has
+        to have the same effects.
+        """
         if self._runtime is None:
             self._runtime, self._sensor = contact.model.runtime(), SensorModel(contact.model)
             self.reset()

@@ -160,7 +160,11 @@ class _Columns:
         self._blocks: dict[int, list[_Block]] = {i: [] for i, _ in self._sites}
 
     def at(self, shape: Array) -> Array:
-        """Rows of phi times sqrt(w) at that shape, of shape (rows, theta)."""
+        """Returns the regressors phi of all rows times sqrt(w) at a shape, of shape (rows, theta).
+
+        Computes a cause only if the shape changes its parameters or, at the wall, the place of the contact;
+        with a factor effect all of them.
+        """
         model = self._causes.model(shape, self._origin_s)
         if self._factored:  # by the sum of all
             m = self._motions["sensor"]
@@ -172,7 +176,10 @@ class _Columns:
         return np.concatenate([self._block(i, model.effects[i], site).rows for i, site in self._sites]).T
 
     def _block(self, i: int, entry: EffectEntry, site: Site) -> _Block:
-        """Block of one cause, reused if it is one of its last two: a derivative returns to its start."""
+        """Returns the columns of effect i at `site`, one of the last two that are kept, or computes them.
+
+        `entry`: its parameters now. Calls `_pause` before it computes.
+        """
         recent = self._blocks[i]
         for place, block in enumerate(recent):
             if block.entry == entry and (site != "wall" or block.gate == self._gate):
@@ -237,8 +244,10 @@ class Fitting:
         return float(self.samples[0, -1]) + _TAKES_S
 
     def solve(self, pause: Pause = lambda: None) -> Contact | None:
-        """Fits the contact; None if the samples allow none. Fits the last second alone if it has changed, and
-        once more without a prior that it contradicts.
+        """Fits the contact and returns it; None if the samples allow none. Calls `pause` between its pieces.
+
+        Fits the last second alone if the contact has changed, and sets its `since_s`; fits once more without
+        a prior that the result contradicts, and sets `contradicted`.
         """
         with np.errstate(all="ignore"):
             try:
@@ -254,7 +263,11 @@ class Fitting:
                 return None
 
     def _changed(self) -> bool:
-        """True if the newest forces are far from the predictions of the contact so far; False in a search."""
+        """True if the forces of the last second are far from the predictions of the contact so far, `before`.
+
+        Far: their rms error is over 5 times its noise. False without such a contact, and while grids are
+        searched.
+        """
         if self.before is None or self.searched:
             return False
         t, *motion, y = self.samples[:, self.samples[0] > self.samples[0, -1] - _RECALLED_S]
@@ -294,7 +307,11 @@ class _Solver:
         self._noise2 = max(noise2, 1e-6 * self._spread2)
 
     def contact(self) -> Contact | None:
-        """Fits the contact, twice if its noise is far above the assumed one and a model.yaml gave none."""
+        """Returns the contact of least J; None if it is not finite.
+
+        Fits again, with the noise of the first fit, if that is over twice the assumed variance and the prior
+        is of a model.yaml, which has no noise.
+        """
         contact = self._fitted()
         of_model = bool(np.isfinite(self._belief.theta_sd).any()) and not isfinite(self._belief.noise_n)
         if of_model and contact is not None and contact.noise_n**2 > _NOISIER * self._noise2:
@@ -303,7 +320,12 @@ class _Solver:
         return contact
 
     def _fitted(self) -> Contact | None:
-        """Minimises J by grids and steps, with occasional causes if worth it; None if not finite."""
+        """Returns the contact of least J, by two steps from the former fit's shape; None if not finite.
+
+        Without a former fit they start at the mean; a grid search comes first if the job asks for it.
+        Occasional causes come or go where that lowers J, by a margin if not foreseen; a change costs another
+        search and step.
+        """
         before = self._job.before
         occasional = before is not None and before.occasional
         best = self._point(self._mean if before is None else np.array(before.shape), occasional)
@@ -321,7 +343,11 @@ class _Solver:
         return self._result(best, worth)
 
     def _point(self, shape: Array, occasional: bool) -> _Point:
-        """Solves (2) at a shape; of `positive` terms the most negative is held at 0, until none is left."""
+        """Returns theta that minimises J at a shape, with that J; clips the shape to what causes accept.
+
+        Held at 0 are occasional causes unless `occasional`, terms without a prior whose regressor hardly
+        acts, and of the `positive` terms the most negative, one after another, until none is left.
+        """
         shape = accepted(shape)
         z, noise2, belief = self._columns.at(shape), self._noise2, self._belief
         self._pause()
@@ -360,7 +386,11 @@ class _Solver:
         return np.where(rms > 0.0, rms, 1.0)
 
     def _searched(self, point: _Point, occasional: bool) -> _Point:
-        """Best of the point and of a grid along each coordinate of the shape in turn."""
+        """Returns the point of least J among the given one and grids along each coordinate of the shape.
+
+        Tries one after another, from the best shape so far. The place of the contact is tried over the range
+        of motion, other coordinates over 2 standard deviations to each side of the mean.
+        """
         for i, count in _GRID:
             grid = self._mean[i] + self._sd[i] * np.linspace(-2.0, 2.0, count)
             if i == 0:
@@ -372,7 +402,10 @@ class _Solver:
         return point
 
     def _normal_equations(self, point: _Point) -> tuple[Array, Array]:
-        """A'A / sigma^2 and A'e / sigma^2 of A = (phi, dphi/ds theta) and the residual e."""
+        """Returns A'A / sigma^2 and A'e / sigma^2 of A = (phi, d(phi theta)/d shape) and the residual e.
+
+        The derivatives are differences to a slightly shifted shape, one for each coordinate. Calls `_pause`.
+        """
         tangents = []
         for i, difference in enumerate(self._differences):
             shape = point.shape.copy()
@@ -388,7 +421,11 @@ class _Solver:
         return np.append(point.acts, np.ones(len(self._sd), dtype=bool))
 
     def _stepped(self, point: _Point, occasional: bool) -> _Point:
-        """Point after a Gauss-Newton step, which is cut until it lowers J; the same point if none does."""
+        """Returns the point after a Gauss-Newton step of the shape that lowers J; the same if none does.
+
+        A step that does not is cut to 0.3 of its length, three tries in all. It is at most one standard
+        deviation in each coordinate, and the shape stays within 3 of the mean.
+        """
         gathered, pull = self._normal_equations(point)
         p0 = np.concatenate([point.p0, self._sd**-2.0])
         pull -= p0 * np.concatenate([point.theta - self._belief.theta, point.shape - self._mean])
@@ -406,7 +443,10 @@ class _Solver:
         return point
 
     def _result(self, point: _Point, occasional: bool) -> Contact | None:
-        """The contact at a point; parameters held at 0 have the variance of the prior. None if not finite."""
+        """Returns the contact at a point, with covariance, noise and statements; None if not finite.
+
+        Parameters held at 0 have the variance of the prior.
+        """
         gathered, _ = self._normal_equations(point)
         acts = self._free(point)
         information = np.where(np.outer(acts, acts), gathered, 0.0)
@@ -446,7 +486,11 @@ class _Solver:
         return float(np.nanmean(off**2)) if np.isfinite(off).any() else 0.0
 
     def _undetermined(self, point: _Point, gathered: Array, occasional: bool) -> tuple[str, ...]:
-        """Statements on parameters that the rows determine no better than their spread before any force."""
+        """Returns statements on parameters that the rows leave as unknown as they were before any force.
+
+        Empty if there are none; occasional causes count only if `occasional`. `gathered`: A'A / sigma^2 of
+        (theta, shape), see `_normal_equations`. Calls `_pause`.
+        """
         self._pause()
         left_out = () if occasional else self._causes.occasional
         forces = [i for i in self._causes.forces if i not in left_out]

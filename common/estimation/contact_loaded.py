@@ -40,7 +40,12 @@ class LoadedCauses:
 
 
 def loaded_causes(model: ContactModel) -> LoadedCauses:
-    """Splits a model into further causes and means; leaves out what holds for its own run only."""
+    """Splits a model into `further` effects and `means`; leaves out what holds for its own run only.
+
+    Means: of the first effect of each kind in `BASE` at its own site, and of the first wave in the range of
+    heart and of breath. Other waves are further, as sines and cosines without size; all else is further with
+    its linear parameters as means, but for a size that is found anew.
+    """
     further: list[EffectEntry] = []
     means: dict[str, float] = {}
     count = Counter(kind.name for kind in BASE)
@@ -71,7 +76,11 @@ def loaded_causes(model: ContactModel) -> LoadedCauses:
 
 
 def _of_shared(kind: type[Effect], values: Mapping[str, float]) -> dict[str, float]:
-    """Means of a cause in `BASE`; a parameter of 0 is left out, unless it may be negative."""
+    """Returns the means, by `cause.parameter`, of an effect in `BASE`: linear parameters and one of shape.
+
+    Leaves out a linear parameter of 0, unless it may be negative. That of shape is the presliding length, the
+    place of the contact or the time constant; other kinds have none.
+    """
     linear = [p for p in kind.parameters if p.linear]
     means = {p.name: values[p.name] for p in linear if values[p.name] or p.lower < 0.0}
     if kind is PreslidingHysteresis:

@@ -141,7 +141,11 @@ class Causes:
         self.occasional = tuple(i for i, name in enumerate(self.linear) if _kind(name).occasional)
 
     def model(self, shape: Array, origin_s: float) -> ContactModel:
-        """The causes at that shape, first the contact effect, if any; sines are 0 at stamp `origin_s`."""
+        """Returns the causes as a contact model, with the parameters that the coordinates of a shape give.
+
+        The contact effect, if any, comes first, the further effects of a loaded model last. Each wave is a
+        sine, 0 at stamp `origin_s`, and its cosine.
+        """
         contact_m, length_m, time_s, heart_hz, breath_hz, band_m_s = shape_values(shape).tolist()
         waves = [
             EffectEntry(Pulsation.name, (("frequency_hz", hz), ("phase_rad", 2.0 * pi * turns)))
@@ -169,7 +173,11 @@ class Causes:
         return EffectEntry(kind.name, tuple((self._linear.get(kind.name, {}) | values).items()))
 
     def _unnamed(self, linear: str) -> bool:
-        """True if a linear parameter is of a cause that the loaded model could have named and has not."""
+        """True if `linear`, `cause.parameter`, is of a wave or `BASE` effect that the loaded model lacks.
+
+        The model has a wave, of heart or breath, if it gives its frequency; another effect, if any parameter.
+        The bias and effects outside of `BASE` give False.
+        """
         effect = linear.partition(".")[0]
         if effect in _PULSATIONS:
             wave = WAVES[_PULSATIONS.index(effect) // 2].partition(".")[0]
@@ -185,7 +193,12 @@ class Causes:
         return loaded if prior is None else joined(prior, loaded)
 
     def belief(self, prior: ContactPrior | None) -> Belief:
-        """Belief of a prior, all unknown without one. The size of its waves counts, not their phase."""
+        """Returns the means and deviations of theta, shape and noise that a prior gives; NaN where unknown.
+
+        Without a prior all is unknown. A theta that is has a mean of 0, and so have the sine and cosine of a
+        wave, whose standard deviation is its size: its phase is not known. Length, time constant and band of
+        the shape become logarithms.
+        """
         n = len(self.linear)
         theta, theta_sd = np.zeros(n), np.full(n, nan)
         shape, shape_sd = np.full(len(SHAPE), nan), np.full(len(SHAPE), nan)
@@ -206,9 +219,9 @@ class Causes:
         return Belief(theta, theta_sd, accepted(shape), shape_sd, *known.get(NOISE, (nan, nan)))
 
     def named(self, theta: Array, shape: Array, covariance: Array) -> tuple[Array, Array]:
-        """Values and covariance of all `names` but the last, from those of (theta, shape).
+        """Returns values, in SI units, and covariance of all `names` but the last, from theta and shape.
 
-        A wave has sqrt(sine^2 + cosine^2), its variance to first order.
+        `covariance`: of (theta, shape). A wave has sqrt(sine^2 + cosine^2), its variance to first order.
         """
         pairs = theta[self._waves]
         sizes = np.hypot(pairs[:, 0], pairs[:, 1])
@@ -238,7 +251,10 @@ def shape_slopes(shape: Array) -> Array:
 
 
 def _least_rms(unit: str) -> float:
-    """rms of a regressor at the least motion, for a term in `unit`: (0.1 mm)^p (10 / s)^q of N s^q / m^p."""
+    """Returns the rms of a regressor at the least motion, for a parameter in `unit`: N s^q / m^p, or kg.
+
+    It is (0.1 mm)^p (10 / s)^q.
+    """
     over, _, under = unit.replace("kg", "N s^2/m").partition("/")
     lengths, times = (
         sum(int(power or 1) for power in re.findall(pattern, text))

@@ -70,7 +70,10 @@ def exactly(means: Mapping[str, float]) -> ContactPrior:
 
 
 def joined(first: ContactPrior, second: ContactPrior) -> ContactPrior:
-    """The first prior with those parameters of the second that it lacks; time in contact of the first."""
+    """Returns the first prior with those parameters of the second that it lacks, uncorrelated with its own.
+
+    The time in contact is that of the first.
+    """
     more = [i for i, name in enumerate(second.names) if name not in first.names]
     n, covariance = len(first.names), np.zeros((len(first.names) + len(more),) * 2)
     covariance[:n, :n] = np.array(first.covariance).reshape(n, n)
@@ -105,7 +108,10 @@ def _rows(matrix: Array) -> tuple[tuple[float, ...], ...]:
 
 
 def _positive(covariance: Array) -> bool:
-    """True if it is symmetric, and its correlations are positive definite beyond rounding."""
+    """True if a covariance is symmetric, and its correlations are positive definite beyond rounding.
+
+    False if a variance is not above 0.
+    """
     size = np.sqrt(np.clip(np.diagonal(covariance), 0.0, None))
     if not (size > 0.0).all():
         return False

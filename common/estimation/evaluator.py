@@ -152,10 +152,11 @@ class Evaluator:
         self._steps_n = 0.0
 
     def move(self, t_s: float, position_m: float, stage_m: float, velocity_m_s: float) -> None:
-        """Adds the own motion at stamp `t_s`: the setpoint, the expected stage position, the velocity.
+        """Adds the own motion at stamp `t_s`: setpoint and expected stage position in m, velocity in m/s.
 
-        It is ignored if not finite, or no later than the last. A pause over 0.1 s begins a new piece: what
-        was learned stays, the states of the motion (hysteresis, relaxation) do not.
+        Computes the contact's force there, and takes over a new contact of the snapshot. Ignores a motion
+        that is not finite or no later than the last. A pause over 0.1 s begins a new piece: what was learned
+        stays, the states of the motion (hysteresis, relaxation) do not.
         """
         dt_s = t_s - self._moved_s
         if not (dt_s > 0.0 and math.isfinite(t_s + position_m + stage_m + velocity_m_s)):
@@ -211,7 +212,12 @@ def _move(
     stage: tuple[float, float, float],
     contact_n: tuple[float, float, float],
 ) -> None:
-    """Adds a sample and its phi; `contact_n`: force of the contact, without steps, and as taught."""
+    """Adds a sample to the record: position x, its phi, and the stage's position, velocity and acceleration.
+
+    `contact_n`: force of the contact in N, without the steps between fits, and as taught. Does nothing if t
+    does not increase. Clears the rows of stops with a new radius; `newest` becomes -1 if its sample has left
+    the ring.
+    """
     evaluation = records[0]
     bank = evaluation.bank
     if not banks.advance(bank, t, x):
@@ -233,7 +239,11 @@ def _move(
 
 @kernel
 def _receive(records: Evaluations, stamp: float, force_n: float) -> None:
-    """Passes a force to `admit` and holds those it accepts; ignores one no later than the newest."""
+    """Adds a force in N to the record if the outlier check `admit` accepts it, with one that it confirms.
+
+    Ignores one no later than the newest. The third force discards those before it, and their median stands
+    for them.
+    """
     evaluation = records[0]
     forces = evaluation.forces
     if stamp <= evaluation.newest_s:
@@ -247,7 +257,11 @@ def _receive(records: Evaluations, stamp: float, force_n: float) -> None:
 
 @kernel
 def _hold(evaluation: Evaluation, stamp: float, force_n: float) -> None:
-    """Makes a force the newest, if it is later; without a motion, later by a gap than one with a motion."""
+    """Makes a force the newest, and adds it to those received, if it is later; else does nothing.
+
+    One without a motion at its stamp has to be over 0.1 s later than a newest one with a motion. `newest` is
+    its sample, -1 without a motion or before three forces.
+    """
     n = banks.find(evaluation.bank, stamp)
     paired_s = evaluation.newest_s if evaluation.newest >= 0.0 else -math.inf
     if stamp <= evaluation.newest_s or (n < 0 and stamp <= paired_s + GAP_S):
@@ -261,7 +275,12 @@ def _hold(evaluation: Evaluation, stamp: float, force_n: float) -> None:
 
 @kernel
 def _predict(records: Evaluations, learneds: NDArray[np.void]) -> tuple[float, float, int]:
-    """Predicts and records (force, half width of the band, leading member); NaN before force or motion."""
+    """Predicts the force at the newest motion; returns (N, half the width of its band, index of the leader).
+
+    Both are NaN before any force or motion. The mean of the members is cut by `_limited` and to twice the
+    largest force; if the motion of the newest force is not known, that force is predicted. Records what it
+    predicts for the learner, and takes over its range of forces after it has begun anew.
+    """
     evaluation, learned = records[0], learneds[0]
     n, forces = int(evaluation.bank.count) - 1, evaluation.forces
     if forces.known == 0.0 or n < 0:
@@ -295,7 +314,11 @@ def _predict(records: Evaluations, learneds: NDArray[np.void]) -> tuple[float, f
 
 @kernel
 def _predict_members(evaluation: Evaluation, learned: Learned, n: int, members_n: Array) -> None:
-    """Sets row u and the predictions of sample n; those of a contact not taught stay near the range."""
+    """Sets `members_n`, the members' predictions in N at sample n, and row u, from which the experts predict.
+
+    Members: the newest force, the experts, the contact, and the newest force with the contact's change since;
+    NaN where there is no contact. A contact not taught is cut to the range of forces and its width beyond.
+    """
     i, j, held_n = n % RING, int(evaluation.newest) % RING, evaluation.held_n
     row, known_row = evaluation.rows[i], evaluation.known_row[0]
     experts.fill(row, evaluation.bank, i, j, held_n - learned.first_n)
@@ -322,8 +345,10 @@ def _predict_members(evaluation: Evaluation, learned: Learned, n: int, members_n
 
 @kernel
 def _limited(learned: Learned, forces: Forces, force_n: float, held_n: float) -> float:
-    """Cuts a prediction to the reach about the newest force, see `blend`, and to near the range of forces;
-    members that another run has taught widen both by their weight. Gives the hold if it is not finite.
+    """Returns a prediction cut to the reach about the newest force, `held_n`, and to near the range of all.
+
+    Near: beyond that range by 0.1 of its width, in the first 5 s by all of it. Members that another run has
+    taught widen both by their weight. Returns `held_n` if the prediction is not finite.
     """
     beyond = _EARLY_BEYOND if learned.known_s < EARLY_S else _BEYOND
     taught_n = (learned.weights * learned.taught).sum() * abs(force_n - held_n)

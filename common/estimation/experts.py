@@ -107,7 +107,10 @@ def begin(learning: NDArray[np.void]) -> None:
 
 @kernel
 def fill(row: Array, bank: Bank, now: int, newest: int, held_n: float) -> None:
-    """Sets the part of u that the motion gives, at ring places `now` and `newest`; `held_n`: f(s) - f0."""
+    """Sets the part of u that the motion gives: phi at ring place `now`, at `newest`, and their differences.
+
+    `newest`: of the newest force; `held_n`: f(s) - f0, also set. The past of the force is left to the caller.
+    """
     phi, then = bank.phi[now], bank.phi[newest]
     row[:COUNT] = phi
     row[THEN:HELD] = then[1:]
@@ -135,7 +138,11 @@ def predict(
     largest_step_n: float,
     largest_n: float,
 ) -> None:
-    """Sets every expert's force in N; `held_n`: f(s), `level_n`: f0; largest |y| so far of both levels."""
+    """Sets `experts_n`, the force in N that each expert predicts: f(s), or f0 for `plain`, plus row' theta.
+
+    `held_n`: f(s), the newest force; `level_n`: f0. What is added is cut to 1.3 `largest_step_n`, the largest
+    |f(t) - f(s)| so far; for `plain` to 1.3 and for `odd` to 2 times `largest_n`, the largest |f - f0|.
+    """
     for e in range(len(NAMES)):
         change_n, shift = 0.0, STEP - 1 if e == ODD else 0
         for j in range(_BEGIN[e], _END[e]):
@@ -149,7 +156,10 @@ def predict(
 
 @kernel
 def learn(learning: Learning, row: Array, stamp_s: float, step_n: float, force_n: float, h: float) -> None:
-    """Adds a force of `h` seconds as `step_n` = f(t) - f(s) and `force_n` = f - f0; solves every 20 ms."""
+    """Adds a row u with its targets in N to R and r, which fade over 120 s; solves for theta every 20 ms.
+
+    `step_n` = f(t) - f(s), `force_n` = f - f0; `h`: the time in s it stands for, its weight.
+    """
     keep = math.exp(-h / _MEMORY_S)
     _add(learning, row, step_n, force_n, h, keep)
     learning.weight_s = learning.weight_s * keep + h
@@ -160,7 +170,7 @@ def learn(learning: Learning, row: Array, stamp_s: float, step_n: float, force_n
 
 @fast_kernel
 def _add(learning: Learning, row: Array, step_n: float, force_n: float, h: float, keep: float) -> None:
-    """Fades R and both r by `keep`, and adds the row with weight h."""
+    """Multiplies R (lower triangle) and both r by `keep`, and adds the products of the row with weight h."""
     information, moments = learning.information, learning.moments
     for i in range(ROW):
         weighted = h * row[i]
@@ -172,7 +182,10 @@ def _add(learning: Learning, row: Array, step_n: float, force_n: float, h: float
 
 @kernel
 def renew_stops(learning: Learning, radii_m: Array) -> None:
-    """Takes over the radii; clears what was learned of stops whose radius has changed."""
+    """Takes over the stops' radii in m; for each that differs, sets what was learned with that stop to 0.
+
+    These are its rows and columns of R and its entries of r and theta.
+    """
     for j in range(STOPS):
         if learning.radii_m[j] != radii_m[j]:
             learning.radii_m[j] = radii_m[j]
@@ -190,7 +203,7 @@ def solve(learning: Learning) -> None:
 
 @fast_kernel
 def _solve(learning: Learning, e: int) -> None:
-    """Solves for theta of expert e, by the Cholesky factor of R + D within its range of u."""
+    """Sets theta of expert e to (R + D)^-1 r within its range of u, by a Cholesky factor; R and r stay."""
     information, moments, theta = learning.information, learning.moments[_LEVEL[e]], learning.theta[e]
     factor, y, weight_s = learning.factor, learning.solution, learning.weight_s
     begin, end, rho_s = _BEGIN[e], _END[e], _RHO_S[e]

@@ -40,7 +40,12 @@ def begin(forces: NDArray[np.void]) -> None:
 
 @kernel
 def admit(forces: Forces, stamp: float, force_n: float) -> int:
-    """Takes in a force; number of those accepted now, in `admitted`: none, it, the last suspect, or both."""
+    """Checks a force for an outlier; returns the number of forces accepted now, 0 to 2, in `admitted`.
+
+    Counts it and extends the range. A force beyond the range by more than its width becomes the suspect; the
+    next force accepts it, too, as the first in `admitted`, if the range that it extends comes near enough;
+    else it is dropped. Does nothing if not finite or of the suspect's stamp.
+    """
     if not (math.isfinite(force_n) and math.isfinite(stamp)) or stamp == forces.suspect_s:
         return 0
     _extend(forces, force_n)
@@ -58,7 +63,11 @@ def admit(forces: Forces, stamp: float, force_n: float) -> int:
 
 @kernel
 def _extend(forces: Forces, force_n: float) -> None:
-    """Counts a force; extends the range, from the median of the first three, as far as two in a row reach."""
+    """Counts a force and extends the range of forces as far as two in a row reach.
+
+    The first two set the range. At the third it restarts at the median of the three, which is kept as
+    `first_n`.
+    """
     forces.known += 1.0
     if forces.known < FIRST:
         first = forces.known == 1.0

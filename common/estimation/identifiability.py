@@ -53,7 +53,10 @@ def analyse(gathered: Array, names: Sequence[str], scales: Sequence[float]) -> t
 
 
 def _free_directions(gathered: Array, excited: list[int], scales: Array) -> list[dict[int, float]]:
-    """Free directions in units of the parameters, with as few of them as possible: {index: component}."""
+    """Returns the free directions, each {index: component} in units of the parameters, as sparse as can be.
+
+    Only the parameters in `excited` count. Empty if there is none, or all are determined.
+    """
     if not excited:
         return []
     size = np.sqrt(np.diag(gathered)[excited])
@@ -67,7 +70,10 @@ def _free_directions(gathered: Array, excited: list[int], scales: Array) -> list
 
 
 def _sparse(basis: Array) -> Array:
-    """The same row space by Gauss-Jordan with the largest pivot: zeros where possible, largest entries 1."""
+    """Returns a basis of the same rows by Gauss-Jordan with the largest pivot, its largest entries 1.
+
+    It has zeros where possible; an empty basis gives an empty one.
+    """
     rows = basis.copy()
     for i in range(len(rows)):
         pivot_row, pivot = np.unravel_index(int(np.argmax(np.abs(rows[i:]))), rows[i:].shape)
@@ -79,7 +85,10 @@ def _sparse(basis: Array) -> Array:
 
 
 def _describe(direction: dict[int, float], names: Sequence[str]) -> str:
-    """Statement on a free direction: on a parameter, on the combination of a pair, or on several."""
+    """Returns the statement on a free direction: on a parameter, on the combination of a pair, or on several.
+
+    `direction`: {index in `names`: component}. Of a pair it says which sum or difference is known.
+    """
     involved = [names[i] for i in direction]
     if len(direction) == 1:
         return f"{involved[0]} not determined"

@@ -127,7 +127,11 @@ class Learner:
             self._early.pop()
 
     def _take(self, stamp_s: float, force_n: float, error_m: float) -> None:
-        """Learns from one force; first discards all that was learned if it is worse than the hold."""
+        """Learns from one force, and adds it to the fit of the contact if its motion is known.
+
+        If the predictions are found worse than the zero-order hold, discards all that was learned and begins
+        with this force.
+        """
         n = _take(self._knowledge, self._evaluation, stamp_s, force_n)
         if n == _WORSE_THAN_NOTHING:
             self._begin_anew()
@@ -136,7 +140,11 @@ class Learner:
             self._fit_contact(stamp_s, n % RING, force_n, error_m)
 
     def _fit_contact(self, stamp_s: float, place: int, force_n: float, error_m: float) -> None:
-        """Adds a sample, applies a finished fit, starts a due one; drops a lost contact, prior and model."""
+        """Adds a sample to the fit of the contact, applies a finished fit, and starts one that is due.
+
+        If the contact is lost, instead adds to `lost_n` and discards prior, model and all that was learned.
+        `place`: of the sample in the ring; `error_m` is added to the expected position.
+        """
         x_m, v_m_s, a_m_s2 = self._evaluation["stage"][0, place].tolist()
         x_m += error_m
         free_n = float(self._knowledge["forces"]["first_n"][0])
@@ -199,7 +207,11 @@ def _moved_s(evaluations: Evaluations) -> float:
 
 @kernel
 def _take(knowledges: NDArray[np.void], evaluations: Evaluations, stamp: float, force_n: float) -> int:
-    """Learns from a force; number of its sample, -1 if not learned from, or `_WORSE_THAN_NOTHING`."""
+    """Learns from a force, and from one before that it confirms; returns the number of its sample.
+
+    Returns -1 if it was not learned from: taken before, not accepted, or its motion or prediction is not
+    known. Returns `_WORSE_THAN_NOTHING` after a trial that has failed.
+    """
     knowledge, evaluation = knowledges[0], evaluations[0]
     n = banks.find(evaluation.bank, stamp)
     if n >= 0:
@@ -217,7 +229,11 @@ def _take(knowledges: NDArray[np.void], evaluations: Evaluations, stamp: float, 
 
 @kernel
 def _learn(knowledge: Knowledge, evaluation: Evaluation, n: int, force_n: float) -> None:
-    """Learns from the force of sample n and the predictions of it."""
+    """Updates experts, trial, blend, band and error sums by the force of sample n and the predictions of it.
+
+    Experts and trial are left out after 2 s of rest. A change that is detected discounts experts and blend;
+    `trial.failed` is set if weights or theta are not finite.
+    """
     bank, forces, i = evaluation.bank, knowledge.forces, n % RING
     members_n, range_n = evaluation.members_n[i], forces.high_n - forces.low_n
     h = min(max(bank.period_s, 1e-4), 0.05)

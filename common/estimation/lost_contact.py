@@ -30,7 +30,12 @@ class LostContact:
     def judge(
         self, t_s: float, x_m: float, v_m_s: float, force_n: float, foretold_n: float, contact: Contact
     ) -> bool:
-        """True once zero has lasted. `x_m`, `v_m_s`: of the stage; both forces less that of no contact."""
+        """True once the force has been near 0 for 30 ms where the contact foretells one: the wall is gone.
+
+        Counts only places beyond the contact's by a margin, and a foretold force beyond the noise. False if
+        the contact has no position or is hardly known. Keeps the start of the zero and the deepest place
+        touched. `x_m`, `v_m_s`: of the stage; both forces less that of no contact.
+        """
         if CONTACT not in contact.names or contact.contact_s < (_OUT_S if v_m_s < 0.0 else _LEAST_S):
             return False  # touched everywhere, or hardly known
         if contact is not self._contact:

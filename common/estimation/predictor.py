@@ -30,7 +30,10 @@ class Predictor:
         self._last = (-inf, 0.0)
 
     def move(self, t_s: float, position_m: float) -> None:
-        """Adds a position, if its stamp increases, and a prediction, by which the experts are judged."""
+        """Adds an own position and predicts there, to judge the experts; ignored if its stamp is no later.
+
+        First hands the evaluator what `observe` has taught since.
+        """
         before_s, before_m = self._last
         self._publish()
         if t_s > before_s:

@@ -31,7 +31,10 @@ class SensorModel:
                 self.limit_n = min(self.limit_n, values["limit_n"])
 
     def chain(self) -> Sense:
-        """New chain of the lags and delays, at rest; its state advances with each call."""
+        """Returns a new chain of lags and delays, at rest: a function (t s, force N, dt s) -> reading in N.
+
+        Its state advances with each call. Without lags and delays it returns the force.
+        """
         readings = [kind(**values).reading for kind, values in self._linear]
 
         def sense(t: float, force_n: float, dt: float) -> float:

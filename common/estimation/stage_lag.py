@@ -63,7 +63,11 @@ class StageLag:
         self._since_restart_s = 0.0
 
     def command(self, stamp_ns: int, position_m: float) -> float:
-        """Records a command; returns the expected stage position in m, or `position_m` if not usable."""
+        """Records a command for `observe`; returns the stage position in m that the lags let expect for it.
+
+        One that is not finite, or no later than the last, is not recorded and gives `position_m`. A pause of
+        0.1 s restarts the filter.
+        """
         dt = GAP_S if self._commanded_ns is None else (stamp_ns - self._commanded_ns) * 1e-9
         if not (isfinite(position_m) and dt > 0.0):
             return position_m
@@ -76,9 +80,10 @@ class StageLag:
         return position_m - lag_s * v + lag2_s2 * a
 
     def observe(self, stamp_ns: int, readback_m: float) -> None:
-        """Learns from the readback in m that answers the command of that stamp.
+        """Learns the lags from the readback in m that answers the command of that stamp.
 
-        It is ignored if its command is unknown, or it is not finite or less than 4 ms after the last.
+        It is ignored if its command is unknown, or it is not finite or less than 4 ms after the last. After a
+        start or a pause of 0.1 s nothing is learned for 0.2 s.
         """
         sent = self._sent.get(stamp_ns)
         if sent is None or not isfinite(readback_m):
@@ -97,7 +102,11 @@ class StageLag:
             self._learn(-v, a, y, dt)
 
     def _learn(self, u1: float, u2: float, y: float, h: float) -> None:
-        """Updates R and r of (S2), and after 1 s of motion `lags`; T2 is optimal for the bounded T1."""
+        """Updates R and r of (S2), and after 1 s of motion sets `lags`, within bounds, and `known`.
+
+        u1, u2: -c' and c'' of the command c; y: deviation of the readback, filtered, in m; h: s since the
+        last pair. T2 is optimal for the bounded T1.
+        """
         motion = min(1.0, (u1 / _TYPICAL_M_S) ** 2 + (u2 / _TYPICAL_M_S2) ** 2)
         keep, products = exp(-motion * h / _MEMORY_S), (u1 * u1, u1 * u2, u2 * u2, u1 * y, u2 * y)
         self._sums = [keep * total + h * product for total, product in zip(self._sums, products, strict=True)]

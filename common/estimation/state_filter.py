@@ -36,9 +36,10 @@ class StateFilter:
         self._x = self._v = self._a = self._j = 0.0
 
     def step(self, value: float, dt: float) -> tuple[float, float, float]:
-        """(filtered value, its derivative, its second derivative) dt seconds after the last sample.
+        """Returns (filtered value, its derivative, its second derivative) dt seconds after the last sample.
 
-        `value` must be finite: a NaN would stay in the state. `dt` > 0 s; not used for the first sample.
+        The first sample returns (value, 0, 0). `value` must be finite: a NaN would stay in the state. `dt`:
+        above 0 s; not used for the first sample.
         """
         if not self._started:
             self._started = True
