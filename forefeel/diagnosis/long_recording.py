@@ -287,8 +287,8 @@ class Whole:
         return self._analysed(rows)
 
     def _changed_s(self, analysis: Analysis, name: str) -> float:
-        """Stamp in s at which the change `name` of the fit leaves least of all chunks, coefficients kept;
-        that of the fit if none is better than a change before the first sample.
+        """Stamp in s of the change `name` of the fit that leaves the least error over all chunks,
+        coefficients kept; that of the fit if none is better than a change before the first sample.
         """
         fit = analysis.fit
         total, least, best_s = 0.0, 0.0, fit.model[name][0]

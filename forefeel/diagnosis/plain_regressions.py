@@ -31,8 +31,8 @@ _SEEN = 0.25  # of what mass, damper and spring leave: a family that takes less 
 
 def look(signals: Signals, motion: MotionGrid) -> Look:
     """Finds by plain regressions the force's sense (+1 resists, -1), the shares of its variance explained on
-    held-out blocks in the whole band and above `slow_hz`, and the family of causes that takes most (None:
-    below a quarter). `motion` is that of the stage on the fine grid.
+    held-out blocks in the whole band and above `slow_hz`, and the family of causes that takes most of what
+    mass, damper, spring leave (None: below a quarter). `motion` is that of the stage on the fine grid.
     """
     columns = _columns(signals, motion)
     slow_hz, gain = _high_pass(signals)
