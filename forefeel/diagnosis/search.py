@@ -306,12 +306,12 @@ class Search(Refiner):
         self.names = [name for name in (CANDIDATES if names is None else names) if name in CANDIDATES]
 
     def run(self, start: Model, passed: dict[frozenset[str], float] | None = None) -> ModelFit:
-        """Goes from `start`, refined, by steps, each the first that helps of drop, exchange and add, to the
-        model that no step betters, or until too many steps or evaluations; returns its fit, friction made
-        symmetric if that fits.
+        """Goes from `start`, refined, to the model that no step betters: each the first that helps of drop,
+        exchange and add, while steps and evaluations last. Returns its fit, friction made symmetric if that
+        fits.
 
-        `passed`: names and scores of the models that runs went on from, added to here; one that meets such a
-        model ends there, for it would go the same way.
+        `passed`: names and scores of the models that runs went on from, added to here; a run that meets one
+        ends there.
         """
         passed = {} if passed is None else passed
         best = self._sound(self.refined(self.fit(start)))
