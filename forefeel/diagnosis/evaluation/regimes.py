@@ -125,9 +125,7 @@ def _regimes(time_s: Floats, direction: Floats) -> Regimes:
 
 
 def _long_enough(time_s: Floats, slow: Mask) -> Mask:
-    """Mask of the slow samples that belong to a run of slow ones from 0.2 s on between its first and last
-    stamp.
-    """
+    """Mask of the slow samples in runs of at least 0.2 s."""
     edges = np.flatnonzero(np.diff(np.concatenate(([False], slow, [False])).astype(np.int8)))
     first, last = edges[::2], edges[1::2] - 1
     lasting = time_s[last] - time_s[first] >= _REST_S - _ROUNDING_S
