@@ -43,7 +43,9 @@ class Analysis:
 
     @property
     def faults(self) -> tuple[Cause, ...]:
-        """Faults of the sensor, without impacts at the end of a play and steps finer than the noise."""
+        """Faults of `cleaned` but for spikes that are impacts at the end of a play (`_are_impacts`) and a
+        quantisation whose error is below 0.4 of the residual's rms.
+        """
         retained = []
         for fault in self.cleaned.faults:
             if fault.name == SensorSpikes.name and _are_impacts(self):
@@ -59,8 +61,9 @@ class Analysis:
 
     @cached_property
     def narrower(self) -> tuple[RecordingRegression, ModelFit] | None:
-        """Regression and fit of the same model below 0.7 of the cutoff, shapes refined: how much rests
-        on the cutoff. None without a cause, or where too few samples are left.
+        """Regression and fit of the same model below 0.7 of the cutoff, shapes refined, whitened by its own
+        noise; computed once. Shows how much rests on the cutoff. None for a model without causes, or where
+        too few samples are left.
         """
         if not self.fit.model:
             return None
@@ -76,10 +79,11 @@ class Analysis:
         return other, Search(other).refined(other.fit(self.fit.model), most=_TRIALS)
 
     def without(self, name: str) -> "Analysis":
-        """Continues the search without one cause in all its forms; in place of two elements tries one first.
+        """Returns an analysis whose search went on without cause `name` in all its forms; of a form `:two`
+        only that form is barred, and its single element is tried first.
 
-        A cause that takes its place must fit as well as it did, parameters not counted. One that does not
-        describes something that has no name here, and is left out, too.
+        A cause that takes its place must fit within `ADD` of the fit before, penalties aside. One that does
+        not describes something that has no name here: it is barred too, and the search repeated.
         """
         rest: Model = {other: shape for other, shape in self.fit.model.items() if other != name}
         refused = {name} if name.endswith(":two") else {base_name(name)}
@@ -111,7 +115,9 @@ class Analysis:
         return min(_in_band_n(self.floor, self.regression.signals), self.residual_rms_n)
 
     def flags(self) -> tuple[str, ...]:
-        """Names of what limits the trust in the result, such as `gaps` or `short`."""
+        """Names of what limits the trust in the result, empty without any: `non_uniform` (stamps), `gaps`,
+        `clipped`, `short` (under 10 s), `force_is_the_reaction`.
+        """
         recording, flags = self.recording, []
         period = np.diff(recording.time_s)
         if float(np.quantile(period, 0.95)) > 1.05 * float(np.median(period)):
@@ -133,16 +139,17 @@ def analyse(
     names: Sequence[str] | None = None,
     parts_s: tuple[float, ...] = (),
 ) -> Analysis:
-    """Cleans the force and searches the causes; learns the noise from the residual and searches again.
+    """Cleans the force and searches the causes; up to three times learns the noise from the residual and
+    searches on, until the causes stay the same.
 
     Args:
         recording: with force.
         progress: called with each stage before it starts.
         names: the causes that are searched; by default all.
-        parts_s: see `RecordingRegression`.
+        parts_s: of several recordings joined to one, when each but the first begins, in s since the start.
 
     Raises:
-        RecordingError: too few samples in a row.
+        RecordingError: too few samples in a row, or fewer than 50 that can be compared.
     """
     progress("sensor")
     cleaned = clean(recording)
@@ -167,9 +174,11 @@ def analyse(
 def fitted_elsewhere(
     recording: Recording, cleaned: Cleaned, sense: float, *models: tuple[Model, Sequence[float]]
 ) -> Analysis:
-    """Makes the analysis of two models that were fitted elsewhere: simulation and extended.
+    """Makes an analysis, without a search, of two models fitted elsewhere: the simulation, then the extended
+    one. Coefficients are replaced by the given ones; rss and score stay those of a fit here.
 
     Args:
+        sense: of the force, +1 where a positive one resists, else -1.
         models: each with its coefficients: mass, damping, stiffness, and those of its causes in turn, as in
             `ModelFit`.
 
@@ -187,10 +196,11 @@ def fitted_elsewhere(
 def conditioned(
     recording: Recording, cleaned: Cleaned, parts_s: tuple[float, ...] = ()
 ) -> RecordingRegression:
-    """Makes the regression of a recording, filtered below its own cutoff.
+    """Makes the regression of a recording's cleaned force, low-passed at the cutoff of `cutoff_hz`; its noise
+    is taken for white. `parts_s`: as in `analyse`.
 
     Raises:
-        RecordingError: too few samples in a row.
+        RecordingError: too few samples in a row, or none that can be compared.
     """
     cutoff = cutoff_hz(recording, cleaned.force_n)
     signals = Signals(recording, cleaned.force_n, cutoff, cleaned.clipped)
@@ -219,7 +229,9 @@ def noise_of(residual: Floats, signals: Signals, floor: NoiseFloor | None) -> No
 
 
 def _are_impacts(analysis: Analysis) -> bool:
-    """True if most of the spikes are within 60 ms of the end of a play in the model."""
+    """True if over 60 % of the spikes are within 60 ms of the end of a play, where the model's instrument
+    begins to move with the stage again. False without spikes, or if no cause changes the motion.
+    """
     regression, spiked = analysis.regression, analysis.cleaned.spikes
     moved, stage = regression.motion(analysis.fit.model), regression.motion({})
     if moved is stage or not spiked.any():

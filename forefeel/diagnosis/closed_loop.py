@@ -41,10 +41,11 @@ class Bands:
 def feeds_the_motion(
     recording: Recording, force_n: Floats, regression: RecordingRegression, fit: ModelFit
 ) -> bool:
-    """True if the force gives the motion power in three bands or more, with what bends taken out and without.
+    """True if the force feeds power into the motion in three coherent bands or more: a controller drives it.
 
-    Likewise with a named delay, lag or fixture taken out and without: neither a late force nor a wrong name
-    for one is a controller.
+    A band counts only if it agrees for the force as measured and less the fit's part beside mass, damper and
+    spring, each with a fitted delay, lag or fixture divided out and not: neither a late force nor a wrong
+    name for one is a controller. False where the longest piece has fewer than 600 samples.
 
     Args:
         recording: position and stamps.
@@ -67,7 +68,9 @@ def feeds_the_motion(
 
 
 def even(time_s: Floats, *columns: Floats) -> tuple[float, tuple[Floats, ...]]:
-    """Resamples columns evenly; also the period in s. Columns with stamps even to 5 % of it stay."""
+    """Resamples columns evenly at the median interval (Akima splines); returns (period in s, columns).
+    Columns with stamps even to 5 % of the mean interval come back as they are, with that as the period.
+    """
     period_s = float(time_s[-1] - time_s[0]) / (len(time_s) - 1)
     grid = time_s[0] + period_s * np.arange(len(time_s))
     if np.max(np.abs(grid - time_s)) < 0.05 * period_s:
@@ -78,7 +81,9 @@ def even(time_s: Floats, *columns: Floats) -> tuple[float, tuple[Floats, ...]]:
 
 
 def bands(x: Floats, f: Floats, period_s: float) -> Bands:
-    """Coherence and transfer from x to f by Welch, in eighths of an octave."""
+    """Coherence and transfer from x to f, with the sd of its phase, by Welch, averaged over eighths of an
+    octave from the fourth bin to 95 % of the Nyquist frequency.
+    """
     rate, count = 1.0 / period_s, int(min(len(x) // 6, _WINDOW_S / period_s))
     frequency, cross = csd(x, f, rate, _WINDOW, nperseg=count, detrend="linear")
     motion, force = (welch(y, rate, _WINDOW, nperseg=count, detrend="linear")[1] for y in (x, f))
@@ -98,7 +103,9 @@ def bands(x: Floats, f: Floats, period_s: float) -> Bands:
 
 
 def _bent_n(regression: RecordingRegression, fit: ModelFit, time_s: Floats) -> Floats:
-    """Force of the fit beside mass, damper and spring, in N at these stamps; 0 outside the pieces."""
+    """Force of the fit's causes, without mass, damper and spring, in N interpolated at these stamps; 0
+    outside the pieces.
+    """
     signals = regression.signals
     linear = regression.block(fit.model, "", ()) @ fit.of("")
     bent = regression.predicted(fit) - linear

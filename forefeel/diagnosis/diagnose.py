@@ -43,6 +43,8 @@ def diagnose(
 ) -> Diagnosed:
     """Diagnoses a recording: names the causes that a mass-damper-spring simulation of it misses.
 
+    Adds effects installed since to the candidates, and runs numeric libraries on one thread meanwhile.
+
     Args:
         recording: position and force.
         progress: called with each stage before it starts.
@@ -50,8 +52,8 @@ def diagnose(
         beside: further recordings of the same bench, for one model of all; whole recordings are held out.
 
     Raises:
-        RecordingError: no force, too short, no motion, a force that never changes, too few samples in a row;
-            recordings of different rates.
+        RecordingError: no force, shorter than 3 s, no motion or mere noise for it, a force that never changes
+            or is mere noise, too few samples in a row; recordings of different rates.
     """
     recordings = [recording, *beside]
     for one in recordings:
@@ -62,7 +64,10 @@ def diagnose(
 
 
 def _diagnosed(recordings: list[Recording], progress: Progress, given: ContactModel | None) -> Diagnosed:
-    """Diagnoses a step response or a ramp and hold by its own method, all others by the search."""
+    """Diagnoses a step response or a ramp and hold by its own method; all others, and several recordings
+    joined, by the search, long ones on stretches. Adds the flags of gaps, of length and of a force that
+    drives the motion; takes `given`, if any, as the baseline. Raises RecordingError: see `diagnose`.
+    """
     recording, parts_s = _joined(recordings)
     simple = None if parts_s else diagnosed_step(recording) or diagnosed_hold(recording)
     long = simple is None and is_long(recording)
@@ -85,7 +90,9 @@ def _diagnosed(recordings: list[Recording], progress: Progress, given: ContactMo
 
 
 def _weighed(analysis: Analysis, progress: Progress) -> tuple[Diagnosis, Analysis]:
-    """Judges an analysis, adds look and expected gain; raises RecordingError for mere noise."""
+    """Judges an analysis; returns the diagnosis, with look and expected gain, and the analysis of the causes
+    kept. Raises RecordingError where the force is flat but for noise.
+    """
     if _force_is_noise(analysis):
         raise RecordingError(
             f"{analysis.recording.source}: the force is flat but for noise, expected an answer to the motion"
@@ -102,7 +109,9 @@ def _flags(flags: Sequence[str], gaps: bool, long: bool) -> tuple[str, ...]:
 
 
 def _with_baseline(diagnosis: Diagnosis, analysis: Analysis, given: ContactModel) -> Diagnosis:
-    """Replaces the fitted simulation as the baseline by the given one."""
+    """Copy of the diagnosis whose `baseline` is the given simulation: its rms error in N over the rows that
+    count, and its parameters as `effect.parameter`, without intervals.
+    """
     regression = analysis.regression
     force, rows = regression.signals.force, regression.signals.rows
     rms_n = float(np.sqrt(np.mean((force - regression.force_of(given))[rows] ** 2)))
@@ -115,7 +124,8 @@ def check(recording: Recording) -> None:
     """Refuses a recording that can not be diagnosed.
 
     Raises:
-        RecordingError: see `diagnose`.
+        RecordingError: no force, shorter than 3 s, a position that never changes or is noise or single jumps,
+            or a force that never changes.
     """
     place = recording.source
     if recording.force_n is None:
@@ -138,7 +148,9 @@ def _is_noise(values: Floats) -> bool:
 
 
 def _force_is_noise(analysis: Analysis) -> bool:
-    """True if no cause or fault is named and neither the motion nor the force's own past predicts it."""
+    """True if no cause (a bias is none) and no fault was found, mass, damper and spring leave over 98 % of
+    the force's variance, and the residual's own past predicts less than 30 % of it.
+    """
     regression = analysis.regression
     rows = regression.signals.rows
     residual = regression.residual(analysis.base)
@@ -152,7 +164,8 @@ _ALIKE = 1.1  # ratio of rates that one band and one grid do for
 
 
 def _joined(recordings: Sequence[Recording]) -> tuple[Recording, tuple[float, ...]]:
-    """Joins recordings, 10 s apart; also the middle of each gap in s since the start. One stays as it is.
+    """Joins recordings in turn, 10 s apart, stamps from 0; returns also the middle of each gap in s. One
+    alone comes back as it is, with an empty tuple.
 
     Nothing is carried across a gap: frictions, plays and relaxations begin anew.
 

@@ -16,7 +16,10 @@ FIXTURE = "unmodelled_resonance:fixture"
 
 
 def extended_model(analysis: Analysis, name: str) -> ContactModel:
-    """Makes the model of mass, damper, spring and every cause that the search named, sensor's faults last."""
+    """Makes the contact model, called `name`, of mass, damper, spring, every cause of the fit and then the
+    sensor's faults; a positive force resists. A resonance of the fixture is replaced by a free one,
+    coefficients fitted anew.
+    """
     regression, fit = analysis.regression, analysis.fit
     if FIXTURE in fit.model:  # with m, b and k the hanging mass spans a weak fixture, too
         fit = regression.fit(
@@ -35,7 +38,9 @@ def extended_model(analysis: Analysis, name: str) -> ContactModel:
 
 
 def _base(fit: ModelFit, mass: float, damping: float, stiffness: float) -> list[Entry]:
-    """Effects of mass, damper and spring; no damper where a cause replaces it, the mass where it sits."""
+    """Entries of mass, damper and spring for a model.yaml; two where a cause puts the mass at a site before
+    the contact. The damping is 0 where a cause of the fit takes its place.
+    """
     if any(cause_class(name).instead_of == "damping_n_s_m" for name in fit.model):
         damping = 0.0
     site = mass_site(fit.model)

@@ -43,7 +43,9 @@ NOISE_TELLING_MOTION = (
 
 
 def separating_motion(names: set[str]) -> str:
-    """Words for the motion that tells most rivals apart; for a general one where none tells two of them."""
+    """Words for the motion that tells most of these causes apart. Where none tells two of them: for a
+    multi-sine and a hold if one relaxes or depends on frequency (`bends`), else for general strokes.
+    """
     count = Counter(motion for name in names for motion in cause_class(name).told_by)
     best = max(_SEPARATING, key=lambda motion: count[motion])
     if count[best] >= 2:
@@ -54,7 +56,9 @@ def separating_motion(names: set[str]) -> str:
 
 
 def motion_kind(signals: Signals) -> MotionKind:
-    """Kind of motion: of constant speed, constant but for direction, of one line of the spectrum, or rich."""
+    """Kind of motion, the first that holds, edges of pieces left out: `constant_speed` (or a straight line),
+    `one_speed` (but for its direction), `single_frequency` (one line in the speed's spectrum), `rich`.
+    """
     inside = [
         signals.fine_v[fine][_core(signals.fine_v[fine], signals, i)]
         for i, fine in enumerate(signals.piecewise())
@@ -110,7 +114,9 @@ def turns(x: Floats, least: float = 0.1) -> int:
 
 
 def turning_points(x: list[float], least: float) -> list[tuple[int, float]]:
-    """(index of the extreme, direction from there on) of the first motion and of each reversal after it."""
+    """(index of the extreme, 1.0 or -1.0: direction from there on) of the first motion and of each reversal
+    after it that goes farther than `least`; empty where nothing does.
+    """
     turns: list[tuple[int, float]] = []
     low = high = 0
     for i, now in enumerate(x):

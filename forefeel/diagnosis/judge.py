@@ -65,9 +65,8 @@ Less = tuple[VerdictName, str | None, tuple[tuple[str, ...], ...]]
 
 
 def judged(analysis: Analysis) -> tuple[Diagnosis, Analysis]:
-    """Drops doubted causes, each time searching on without one; returns verdict and analysis of the rest.
-
-    If what is left is slower than the strokes, the simulation alone is judged.
+    """Drops doubted causes one at a time, searching on without each, until none is doubted; returns the
+    diagnosis and the analysis of the rest. If that rest is `slow`, the simulation alone is judged.
     """
     largest_rejected: Judge | None = None
     while True:
@@ -101,7 +100,10 @@ class Judge:
         self.force_n = float(np.std(self.regression.signals.force[self.regression.signals.rows]))
 
     def diagnosis(self) -> Diagnosis:
-        """The verdict by the rules of the design: named only when three pieces of evidence agree."""
+        """Diagnosis: a verdict of `_inexplicable` if there is one; else `cause_found` if the fit has a cause
+        (or a bias) or the sensor a fault; else `nothing_missing`, or `nothing_found` where the noise floor is
+        unknown.
+        """
         names = {base_name(name) for name in self.fit.model} | {fault.name for fault in self.faults}
         less = self._inexplicable()
         if less is not None:
@@ -123,7 +125,11 @@ class Judge:
         return max(causes, key=lambda name: self._without[name][1].rmse_before_n, default=None)
 
     def _inexplicable(self) -> Less | None:
-        """Verdict without a cause, where the model is incomplete or not the only one that fits; else None."""
+        """Verdict that names no cause, with the motion to record next and the rivals; None where causes may
+        be named. In turn: `not_separable` at constant speed; `unexplained` if `slow`;
+        `not_driven_by_this_axis`; `unexplained` if structure is left that matters; `not_separable` with
+        rivals.
+        """
         if self._kind == "constant_speed":
             return "not_separable", GENERAL_MOTION, (RIVALS_AT_CONSTANT_SPEED,)
         if self.slow:
@@ -139,7 +145,10 @@ class Judge:
 
     @cached_property
     def _groups(self) -> tuple[tuple[str, ...], ...]:
-        """Groups of causes that can not be told apart, as the kind of motion demands."""
+        """Groups of causes that can not be told apart, empty without any. At a single frequency: the largest
+        cause and its rivals; at one speed, if one of a fixed group was fitted: that group; else those of
+        `_rival_groups`.
+        """
         if self._kind == "single_frequency":
             return self._rivals_of_a_line()
         named = {base_name(name) for name in self.fit.model}
@@ -157,8 +166,9 @@ class Judge:
 
     @cached_property
     def slow(self) -> bool:
-        """True if a spring explains the strokes, what it leaves is slower, and the largest cause, if any,
-        bends or pulses among the strokes: such a name is how the search puts the one into the other.
+        """True if mass, damper and spring explain 80 % of the force in the band of the strokes, clearly more
+        than of all, most of the rest is slower, and the largest cause, if any, `bends` or pulses faster than
+        `slow_hz`: the search then names a slow force so.
         """
         look = self.regression.look
         slower = 1.0 - look.spring_in_band < 0.5 * (1.0 - look.spring)  # most of what is left
@@ -177,7 +187,10 @@ class Judge:
         return foretold > _KNOWN and 1.0 - foretold < _MUCH_LESS * (1.0 - explained)
 
     def _structure_left(self) -> bool:
-        """True if the causes leave much of what mass, damper, spring and a bias leave, and it is no noise."""
+        """True if pulses grow with the depth, if the causes leave over 20 % of the variance that mass,
+        damper, spring and a bias leave and it may not be noise, or if much of that is structure. Always False
+        with a quantised sensor.
+        """
         if any(fault.name == SensorQuantisation.name for fault in self.faults):
             return False
         if self._pulses_with_depth:
@@ -194,7 +207,9 @@ class Judge:
         return pulsing is not None and pulsing.gain > 2.0 * _FLEXIBLE and pulsing.gain_low > _FLEXIBLE
 
     def _agrees_with_rejected(self) -> bool:
-        """True if the causes have the same sizes beside a rejected one that describes what they leave."""
+        """True if `largest_rejected`, with at most one cause more, leaves no structure and gives each cause
+        of this fit a size alike within a factor of 1.3. False without it or without causes but a bias.
+        """
         causes = set(self.fit.model) - {"bias"}
         if self.largest_rejected is None or not causes or self.largest_rejected._structure_left():
             return False
@@ -225,7 +240,10 @@ class Judge:
         return predictable_share(self.regression, self._residual)
 
     def _structured_share(self) -> float:
-        """Share of what is left that is no noise; the largest by memory, by a flexible model, by size."""
+        """Share of the residual's variance that is no noise: the largest of what its own past predicts (only
+        beside a white noise floor), what flexible columns explain, and what exceeds a known floor; 0 if none
+        is clear.
+        """
         floor = self.analysis.floor
         shares = [0.0]
         if floor is not None and floor.slope == 0.0:  # else the noise itself has a memory
@@ -238,7 +256,9 @@ class Judge:
         return max(shares)
 
     def _rival_groups(self) -> tuple[tuple[str, ...], ...]:
-        """Groups of a cause and up to two rivals that fit as well in its place."""
+        """Groups (cause, up to two rivals), one for each cause of the fit that has rivals: causes outside the
+        model whose score in its place is as good or less than 6 worse; none of the same part of the bench.
+        """
         taken = {base_name(name) for name in self.fit.model}
         groups = []
         for name in self.fit.model:
@@ -252,7 +272,9 @@ class Judge:
         return tuple(groups)
 
     def _rivals_of_a_line(self) -> tuple[tuple[str, ...], ...]:
-        """Group of the largest cause and what predicts held-out blocks as well, for one frequency."""
+        """Group of the largest cause and up to two causes that predict held-out blocks as well in its place,
+        alone in a tuple; empty without a cause or a rival. For motion at a single frequency.
+        """
         largest = self._largest
         if largest is None:
             return ()
@@ -264,7 +286,9 @@ class Judge:
         return tuple(_group(largest, rivals))
 
     def _replacements(self, name: str, closed: Container[str]) -> Iterator[tuple[str, ModelFit]]:
-        """Yields name and fit of each form, not `closed`, that is near on the grid in a cause's place."""
+        """Yields name and refined fit of each form that is feasible, and on its grid near the fit's score, in
+        place of cause `name`. Leaves out causes in `closed`, and those kin to another cause of the model.
+        """
         rest, _ = self._without[name]
         worst = self.fit.score + _RIVAL + _NEAR * abs(rest.score - self.fit.score)
         for other in self.search.names:
@@ -284,9 +308,10 @@ class Judge:
         return min(weak, key=lambda name: self._without[name][0].score, default=None)
 
     def _is_impossible(self, name: str) -> bool:
-        """True if a parameter is beyond what the cause can have, or no spring is beside what relaxes or lags,
-        which is then a damper that comes late, as dry friction is where the motion turns; also for a long lag
-        where a contact that relaxes gives the same force along every motion.
+        """True if a parameter is out of its cause's bounds; or if the cause needs a spring (it relaxes or
+        lags) and the stiffness may be 0: it is then a damper that comes late, as dry friction is where the
+        motion turns. Also for a sensor lag over 0.1 s if a contact that relaxes gives the same force along
+        every motion.
         """
         mass, damping, stiffness = (self.parameters[""][size] for size in BASE)
         if cause_class(name).needs_spring and stiffness.low <= 0.0:
@@ -303,7 +328,10 @@ class Judge:
         return any(not p.lower <= values[p.name].value <= p.upper for p in bounded)
 
     def _is_weak(self, name: str) -> bool:
-        """True if the cause hardly helps where it was not fitted, or may as well be nothing, or anything."""
+        """True if the cause gains 3 % or less on held-out blocks (lower end), or its intervals tell nothing:
+        all its sizes may be 0 or are wider than 20 times the value, a ratio may be 1, or an end is infinite.
+        Also for a change of stiffness at rest with few reversals beside it that gains below 90 %.
+        """
         _, held_out = self._without[name]
         if held_out.gain_low <= _AS_GOOD:
             return True
@@ -332,7 +360,9 @@ class Judge:
 
     @cached_property
     def _without(self) -> dict[str, tuple[ModelFit, HeldOut]]:
-        """Fit without each cause, by its name, and what the cause gains on held-out blocks."""
+        """Refined fit without each cause, by the cause's name, and the cause's gain on held-out blocks;
+        computed once.
+        """
         fits = {}
         for name in self.fit.model:
             without = self.search.without(self.fit, name)
@@ -366,7 +396,10 @@ class Judge:
         rivals: tuple[tuple[str, ...], ...] = (),
         suspected: Iterable[str] = (),
     ) -> Diagnosis:
-        """Diagnosis of that verdict with all its numbers; `motion`: to record next."""
+        """Diagnosis of that verdict with all its numbers. Lists causes only for `cause_found`; adds the flag
+        `slow_force` if `slow`. `motion`: to record next; `suspected`: named by the search, whatever the
+        verdict.
+        """
         held = self.held_out
         return Diagnosis(
             verdict,

@@ -54,7 +54,9 @@ def chunks_of(recording: Recording, length_s: float) -> list[slice]:
 
 
 def cleaned_everywhere(recording: Recording, chunks: list[slice]) -> tuple[Recording, Mask, list[Cause]]:
-    """Cleans the force in chunks: the recording cleaned, the mask of clipped samples, the faults merged."""
+    """Cleans the force in each chunk; returns the recording with that force, the mask of clipped samples, and
+    the faults merged by name. Samples outside the chunks stay as they are.
+    """
     assert recording.force_n is not None
     force_n, unusable = recording.force_n, np.zeros(len(recording), dtype=np.bool_)
     by_name: dict[str, list[tuple[Cause, float]]] = defaultdict(list)
@@ -86,7 +88,9 @@ def liveliest(recording: Recording, length_s: float) -> slice:
 
 
 def _merged(faults: list[tuple[Cause, float]], total_s: float) -> Cause | None:
-    """Merges one fault of chunks with their durations; None for a comb or a line that most of them lack."""
+    """Merges one fault found in several chunks, paired with their durations in s: means of its parameters,
+    rms over all of `total_s`. None for quantisation or mains hum in less than half of that time.
+    """
     longest, covered = max(faults, key=lambda pair: pair[1])[0], sum(duration for _, duration in faults)
     share = covered / total_s
     if longest.name in (SensorQuantisation.name, MainsHum.name) and share < 0.5:
@@ -147,7 +151,9 @@ def analyse_long(
     names: Sequence[str] | None = None,
     parts_s: tuple[float, ...] = (),
 ) -> Analysis:
-    """Analyses stretches of a recording; see the module. `names`, `parts_s`: as in `analyse`.
+    """Cleans a long recording in chunks and analyses stretches of it: the liveliest, and more where its model
+    leaves more of others. Spikes that the motion explains are no fault: the raw force is then searched.
+    `names`, `parts_s`: as in `analyse`.
 
     Raises:
         RecordingError: no stretch without gaps is long enough.
@@ -182,7 +188,10 @@ class Whole:
     parts_s: tuple[float, ...]
 
     def searched(self) -> Analysis:
-        """Analyses the liveliest stretch, and more where its model leaves more of others; see the module."""
+        """Analyses the liveliest stretch. If its model leaves 1.15 times that stretch's rms of all chunks, or
+        1.5 times of one, analyses stretches over the whole length too and returns what leaves less of all
+        chunks. Of several recordings joined it analyses a stretch of each at once.
+        """
         if self.parts_s:
             return self._analysed(self._stretches(range(0)))
         lively = np.zeros(len(self.recording), dtype=np.bool_)
@@ -209,7 +218,9 @@ class Whole:
         }
 
     def _regressions(self, analysis: Analysis) -> Iterator[tuple[int, RecordingRegression]]:
-        """Yields number and regression of every chunk that is long enough, with the times of the analysis."""
+        """Yields number and regression of every chunk, with the cutoff, noise, look and origin of time of the
+        analysis; skips one that is too short, or has fewer than 50 samples that count.
+        """
         like = analysis.regression
         for number, chunk in enumerate(self.chunks):
             part = cut(self.recording, chunk)
@@ -231,8 +242,9 @@ class Whole:
         return analyse(part, self.progress, self.names, parts_s)
 
     def _stretches(self, worst: Sequence[int]) -> Mask:
-        """Mask of half of the liveliest stretch, and of short ones over the whole length and in the worst
-        chunks; of several recordings as one a stretch of each.
+        """Mask of half of the liveliest stretch, and of short ones in the middle of six chunks over the whole
+        length and of the `worst`, by number; of several recordings joined, only one in each and in the
+        `worst`.
         """
         length_s = stretch_s(self.recording)
         rows = np.zeros(len(self.recording), dtype=np.bool_)
@@ -260,7 +272,9 @@ class Whole:
         rows[max(centre - half, 0) : centre + half] = True
 
     def _around_the_change(self, analysis: Analysis, rows: Mask) -> Analysis:
-        """Analyses anew with a stretch around the instant of a change, if it lies between those of `rows`."""
+        """Analyses anew with one stretch more, around the instant of a change of stiffness, if the model has
+        one and all chunks place it outside `rows`; else returns the analysis as it is.
+        """
         forms = [name for name in analysis.fit.model if base_name(name) == _CHANGE]
         if not forms:
             return analysis
@@ -273,7 +287,9 @@ class Whole:
         return self._analysed(rows)
 
     def _changed_s(self, analysis: Analysis, name: str) -> float:
-        """Stamp of the instant that leaves least: errors unchanged before it, changed after it."""
+        """Stamp in s of the change `name` of the fit that leaves the least error over all chunks,
+        coefficients kept; that of the fit if none is better than a change before the first sample.
+        """
         fit = analysis.fit
         total, least, best_s = 0.0, 0.0, fit.model[name][0]
         for _, regression in self._regressions(analysis):

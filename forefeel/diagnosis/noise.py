@@ -149,7 +149,9 @@ class NoiseFloor:
 
 
 def noise_floor(recording: Recording, force_n: Floats, unusable: Mask | None = None) -> NoiseFloor | None:
-    """Noise floor of the force; None where the recording is too short or too slow to show it by itself.
+    """Noise floor of the force, above the frequencies of the motion, in stretches of the longest piece
+    without a reversal. None where the recording is too short or too slow to show it, or a filter made it fall
+    steeply.
 
     `unusable`: samples whose force means nothing, such as the end of the cell's range, which has no noise.
     """
@@ -171,7 +173,9 @@ def noise_floor(recording: Recording, force_n: Floats, unusable: Mask | None = N
 def _above(
     force: Floats, position: Floats, step_m: float, rate_hz: float, stretch_s: float, motion_hz: float
 ) -> NoiseFloor | None:
-    """Floor from stretches of that length; None where there are too few, or too little of the spectrum."""
+    """Noise floor fitted to the median spectrum, above `motion_hz`, of stretches of `stretch_s` without a
+    reversal. None: fewer than 8 stretches, or too little spectrum above. NaN in `force` rules a stretch out.
+    """
     count = int(stretch_s * rate_hz)
     if count < _LEAST_SAMPLES:
         return None
@@ -190,7 +194,9 @@ def _above(
 
 
 def _one_way(position: Floats, step_m: float, rate_hz: float, count: int) -> list[int]:
-    """Starts of stretches, overlapping by half, in which the motion does not turn by more than its noise."""
+    """Starts (indices) of stretches of `count` samples, overlapping by half, in which the position does not
+    turn by more than the encoder's step or noise.
+    """
     width = max(1, count // _SMOOTHING)
     smooth = uniform_filter1d(position, width, mode="nearest")
     least_m = max(_TURNED * position_noise_m(position, rate_hz) / float(np.sqrt(width)), step_m)
@@ -233,7 +239,9 @@ def _motion_ends_hz(position: Floats, step_m: float, rate_hz: float) -> float:
 
 
 def _fitted(frequency: Floats, density: Floats, stretches: int) -> NoiseFloor:
-    """Fits the floor to a density, with a steeper slope only where that clearly betters the likelihood."""
+    """Fits white + coloured f^-slope to a density in N^2/Hz averaged over bins; a steeper slope (0 to 6) only
+    where it clearly betters the likelihood. `stretches`: number of spectra behind the density.
+    """
     edges = np.geomspace(frequency[0], frequency[-1] * 1.0001, _SMOOTHED_BINS + 1)
     place = np.digitize(frequency, edges) - 1
     used, counts = np.unique(place, return_counts=True)

@@ -30,7 +30,10 @@ _SEEN = 0.25  # of what mass, damper and spring leave: a family that takes less 
 
 
 def look(signals: Signals, motion: MotionGrid) -> Look:
-    """Finds sense, shares and family by plain regressions; `motion` is that of the stage on the fine grid."""
+    """Finds by plain regressions the force's sense (+1 resists, -1), the shares of its variance explained on
+    held-out blocks in the whole band and above `slow_hz`, and the family of causes that takes most of what
+    mass, damper, spring leave (None: below a quarter). `motion` is that of the stage on the fine grid.
+    """
     columns = _columns(signals, motion)
     slow_hz, gain = _high_pass(signals)
     whole, band = _Band(signals, columns, 1.0), _Band(signals, columns, gain)
@@ -55,7 +58,10 @@ def look(signals: Signals, motion: MotionGrid) -> Look:
 
 
 def strokes(signals: Signals, motion: MotionGrid, look: Look) -> tuple[Floats, Floats, dict[str, Floats]]:
-    """(position in m, measured force in N, force in N of each regression by its name) above `slow_hz`."""
+    """(position in m, measured force in N, force in N of each regression by its name), high-passed at
+    `slow_hz`, at the rows that count; regressions of mass, damper, spring alone and with the family of `look`
+    or all three.
+    """
     columns, gain = _columns(signals, motion), _high_pass(signals)[1]
     band, family, sense = _Band(signals, columns, gain), look.family, look.sense
     beside = FAMILIES if family is None else (family,)
@@ -85,7 +91,9 @@ class _Band:
         return explained_share(self.force, self.predicted(families, sense))
 
     def predicted(self, families: Sequence[str], sense: float) -> Floats:
-        """Force of a regression in N, each block by the fit to the others."""
+        """Force in N of a non-negative regression on the columns of these families, each of 8 blocks
+        predicted by the fit to the others; `sense` -1 fits the force turned.
+        """
         table, force = self._table[:, np.isin(self._owners, families)], sense * self.force
         predicted = np.zeros(len(force))
         gram, moment = table.T @ table, table.T @ force
@@ -103,7 +111,9 @@ def explained_share(force: Floats, predicted: Floats) -> float:
 
 
 def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
-    """Spectra of the regressions' columns, by family; "base" has no mass where it would be above 1000 kg."""
+    """Spectra of the regressions' columns by family: "friction", "relaxation", "stiffening", and "base" for
+    mass, damper, spring, without the mass where 1000 kg would make less than the force.
+    """
     low, high = np.quantile(motion.x, (0.05, 0.95))
     depth = (motion.x - 0.5 * (low + high)) / max(high - low, 1e-300)
     steps = motion.rate * motion.dt / max(high - low, 1e-300)
@@ -124,7 +134,9 @@ def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
 
 
 def _high_pass(signals: Signals) -> tuple[float, Floats]:
-    """Corner in Hz below the strokes, and the gain at each frequency of a spectrum."""
+    """Corner in Hz, half of the frequency below which 5 % of the speed's power lies, and the high-pass's gain
+    at each frequency of a spectrum.
+    """
     frequency_hz = signals.omega / (2.0 * np.pi)
     order = np.argsort(frequency_hz, kind="stable")
     power = np.cumsum(np.abs(signals.linear_spectrum(1)[order]) ** 2)

@@ -36,7 +36,10 @@ class Question:
 
 
 def question(recording: Recording) -> Question | None:
-    """Question about the units, to be asked before a diagnosis; None where all is usual."""
+    """Question about the unit of time, position or force, the first that is implausible, to be asked before a
+    diagnosis. None where all is usual; also where position or force is missing or constant, if the rate is
+    usual.
+    """
     rate_hz, travel_m = recording.rate_hz, float(np.ptp(recording.position_m))
     if not _RATES_HZ[0] <= rate_hz <= _RATES_HZ[1]:
         return Question("time", f"is sampled at {rate_hz:.3g} Hz", _thousands(rate_hz / _USUAL_HZ))
@@ -51,6 +54,9 @@ def question(recording: Recording) -> Question | None:
 
 
 def _position_question(travel_m: float, speed_m_s: float, stiffness_n_m: float) -> Question | None:
+    """Question whether the position's unit is off: span below 10 nm or over 15 m (over 1 m at a very soft
+    contact), or mean speed over 200 m/s; its factor is a power of 1000. None: plausible.
+    """
     spans, usual = f"spans {quantity(travel_m, 'm')}", _thousands(_USUAL_M / travel_m)
     if travel_m < _TRAVELS_M[0]:
         return Question("position", spans, usual)
@@ -62,6 +68,9 @@ def _position_question(travel_m: float, speed_m_s: float, stiffness_n_m: float) 
 
 
 def _force_question(force_n: float, stiffness_n_m: float) -> Question | None:
+    """Question whether the force's unit is off by 1000: `force_n`, its span, below 1e-7 N (factor 1e3) or
+    above 10 kN, or a contact stiffer than 1e8 N/m (factor 1e-3). None: plausible.
+    """
     spans = f"spans {quantity(force_n, 'N')}"
     if force_n < _FORCES_N[0]:
         return Question("force", spans, 1e3)

@@ -197,7 +197,9 @@ class RecordingRegression:
         return other
 
     def whiten_by(self, noise: Noise) -> None:
-        """Sets the noise, and with it the rows that count; forgets all whitened columns."""
+        """Sets the noise by which residuals are whitened, and with it `coloured`, `rows` that count and the
+        whitened `target`; forgets all whitened columns and inner products.
+        """
         self.noise = noise
         self.coloured = len(noise.taps) > _WHITE
         pieces = self.signals.piecewise(fine=False)
@@ -211,7 +213,10 @@ class RecordingRegression:
         self._products: dict[tuple[int, int], Floats] = {}
 
     def fit(self, model: Model) -> ModelFit:
-        """Least-squares fit at these shapes; inner products are remembered."""
+        """Least-squares fit, whitened, at the model's shapes: mass, damping and stiffness have the force's
+        sense or are 0. Causes of a wrong sign only make it not `feasible`. Columns and inner products are
+        remembered.
+        """
         blocks = self._blocks(model)
         named = zip(["", *model], blocks, strict=True)
         owners = tuple(name for name, block in named for _ in range(block.columns.shape[1]))
@@ -259,7 +264,9 @@ class RecordingRegression:
         return product
 
     def block(self, model: Model, name: str, shape: Shape) -> Floats:
-        """Filtered columns in N of one cause within a model, on the coarse grid, not whitened."""
+        """Columns of one cause ("": mass, damping, stiffness) within a model, on the coarse grid, filtered,
+        not whitened; times the coefficients they are N. Shape (samples, coefficients), which may be none.
+        """
         candidate = CANDIDATES.get(name)
         if isinstance(candidate, Periodic):
             return candidate.columns(self.signals.t, shape)
@@ -280,7 +287,9 @@ class RecordingRegression:
         return self._aligning[1]
 
     def predicted(self, fit: ModelFit, leave: str | None = None) -> Floats:
-        """The model's force on the coarse grid, without the share of the cause `leave`."""
+        """Force of the fit in N on the coarse grid, without the part of the cause `leave` ("": mass, damper
+        and spring).
+        """
         total = np.zeros(len(self.signals.t))
         for name, shape in [("", ()), *fit.model.items()]:
             block = self.block(fit.model, name, shape)
@@ -299,7 +308,9 @@ class RecordingRegression:
         return np.asarray(self.signals.force - self.predicted(fit))
 
     def motion(self, model: Model) -> MotionGrid:
-        """The motion that the wall sees in this model."""
+        """Motion on the fine grid as the wall sees it, behind the model's plays and contacts; the stage's
+        own, the same object, where it has none. The last 8 are kept.
+        """
         key = frame(model, Transmission)
         if key not in self._motions:
             motion = self._motion
@@ -313,7 +324,9 @@ class RecordingRegression:
         return [self._white_block(model, moved, *cause) for cause in [("", ()), *model.items()]]
 
     def _white_block(self, model: Model, moved: Frame, name: str, shape: Shape) -> "Block":
-        """Whitened columns of a cause, from the cache or made anew."""
+        """Whitened columns of a cause and their products with the target, from the cache or made anew;
+        `moved`: the model's causes that change the columns of all others, part of the key.
+        """
         key = (() if isinstance(CANDIDATES.get(name), ReadingColumns) else moved), name, shape
         if key not in self._whitened:
             columns = self._white_columns(model, name, shape)
@@ -324,7 +337,9 @@ class RecordingRegression:
         return self._whitened[key]
 
     def _white_columns(self, model: Model, name: str, shape: Shape) -> Floats:
-        """Columns of a cause, whitened in the spectrum: what wraps around falls on rows that do not count."""
+        """Whitened columns of a cause at the rows that count, shape (rows, coefficients); by the spectrum but
+        for lines: what wraps around falls on other rows.
+        """
         candidate = CANDIDATES.get(name)
         if isinstance(candidate, Periodic):
             return self._white(self.block(model, name, shape))
@@ -337,7 +352,9 @@ class RecordingRegression:
         return self.noise.whiten(columns, self._pieces)[self.rows] / self.noise.innovation_n
 
     def _columns(self, model: Model, name: str, shape: Shape, candidate: Candidate | None) -> Spectrum:
-        """Spectra of a cause's columns before alignment, from the cache or made anew."""
+        """Spectra of a cause's columns (`candidate` None: mass, damping, stiffness), before late stamps, a
+        slow cell or a weak fixture act on them; from the cache or made anew.
+        """
         moved = frame(model, Transmission, Modulation)
         if candidate is None and not moved:
             return self._base
@@ -347,7 +364,9 @@ class RecordingRegression:
         return self._spectra[key]
 
     def _computed(self, model: Model, shape: Shape, candidate: Candidate | None) -> Spectrum:
-        """Spectra of a cause's columns along the model's motion, times its modulations."""
+        """Spectra of the columns of `candidate` (None: mass, damping, stiffness) along the model's motion,
+        times the model's modulations; these spare modes, columns of time, and a mass at the sensor.
+        """
         motion = self.motion(model)
         if isinstance(candidate, Mode):
             moved = motion is not self._motion
@@ -374,7 +393,9 @@ class RecordingRegression:
         return self.signals.spectrum(np.stack(columns))
 
     def _feasible(self, model: Model, owners: tuple[str, ...], coefficients: Floats) -> bool:
-        """True if signs, modes, plays and the cell's zero are possible in this model."""
+        """True if every mode can show a peak, the causes' coefficients have the signs that their candidates
+        say, every play is used on both sides, and zeros of the tip's force are near the cell's offset.
+        """
         if self.no_peak(model):
             return False
         signs = [sign for name in model for sign in CANDIDATES[name].signs]

@@ -23,8 +23,8 @@ _MOST_NOISE = 4.0  # times the power that the floor says: it is known to a facto
 
 
 def predictable_share(regression: RecordingRegression, values: Floats, horizon_s: float = HORIZON_S) -> float:
-    """Share of the variance of values on the coarse grid that their own past, at least that old, tells on the
-    held-out half.
+    """Share, 0 to 1, of the variance of values on the coarse grid that a regression on their own past, at
+    least `horizon_s` old, predicts, each half by the other; 0 where too few samples have such a past.
 
     Of first-order noise with a corner of 5 Hz or more 40 ms leave at most exp(-4 pi 5 0.04) = 8 %.
     """
@@ -42,7 +42,9 @@ def predictable_share(regression: RecordingRegression, values: Floats, horizon_s
 
 
 def excess_share(regression: RecordingRegression, residual: Floats, floor: NoiseFloor) -> float:
-    """Share of the residual's variance that is no noise of that floor: above four times it, by octaves."""
+    """Share, 0 to 1, of the residual's power that exceeds four times the noise floor, octave by octave, in
+    the piece with the most rows that count.
+    """
     pieces = regression.signals.piecewise(fine=False)
     piece = max(pieces, key=lambda p: int(np.count_nonzero(regression.signals.rows[p])))
     values = residual[piece][regression.signals.rows[piece]]
@@ -61,7 +63,9 @@ def excess_share(regression: RecordingRegression, residual: Floats, floor: Noise
 def _pairs(
     residual: Floats, rows: Floats, regression: RecordingRegression, horizon_s: float
 ) -> tuple[Floats, Floats]:
-    """Values at 12 lags of at least the horizon, a row for each sample, and the samples; where all count."""
+    """(past, now) of a piece: values at up to 12 lags, from the horizon to 0.5 s more, a row for each sample,
+    and the samples themselves; only where all of these count. Empty for a piece shorter than the lags.
+    """
     rate = regression.signals.coarse_rate_hz
     first = max(1, int(np.ceil(horizon_s * rate)))
     spread = np.round(np.geomspace(1, max(2.0, _SPREAD_S * rate), _TAPS)).astype(np.int64)
@@ -93,7 +97,9 @@ def flexible_gain(regression: RecordingRegression, fit: ModelFit) -> HeldOut:
 def _gain_of(
     regression: RecordingRegression, fit: ModelFit, extra: Floats, ridges: tuple[float, ...]
 ) -> HeldOut:
-    """Held-out gain of columns more in N on the coarse grid, with the best of the ridges on them."""
+    """Held-out gain of the fit's columns with `extra` ones (coarse grid, not whitened) over the fit's columns
+    alone; that of the ridge on the extra ones, of `ridges`, that gains most.
+    """
     white, plain = columns(regression, fit)
     alone, pieces = held_out(regression, white, plain), regression.signals.piecewise(fine=False)
     extra_white = regression.noise.whiten(extra, pieces)[regression.rows] / regression.noise.innovation_n
@@ -120,7 +126,9 @@ def modulation_gain(regression: RecordingRegression, fit: ModelFit) -> HeldOut |
 
 
 def _features(regression: RecordingRegression, fit: ModelFit) -> Floats:
-    """Columns without physics, on the coarse grid: of the motion, as the cell shows them, and of time."""
+    """Columns without physics, shape (coarse samples, columns): those of `_moving`, filtered and delayed as
+    the cell shows them, and 6 to 30 bumps over time.
+    """
     signals, factor = regression.signals, alignment(regression.signals.omega, fit.model)
     spectra = map(signals.spectrum, _moving(regression.motion(fit.model)))
     late = [signals.column(s if factor is None else s * factor) for s in spectra]
@@ -130,7 +138,9 @@ def _features(regression: RecordingRegression, fit: ModelFit) -> Floats:
 
 
 def _moving(motion: MotionGrid) -> list[Floats]:
-    """Columns of the motion and its past, on the fine grid."""
+    """Columns of the motion and its past, on the fine grid: bumps over position, speed, acceleration, pairs
+    of them and the distance since a reversal, and lagged speeds.
+    """
     x, v, a = motion.x, motion.v, motion.a
     s = motion.direction()
     table = _bumps(x, _knots(x, 10)) + _bumps(v, _knots(v, 10)) + _bumps(a, _knots(a, 8))
@@ -159,7 +169,9 @@ def _bumps(values: Floats, knots: Floats) -> list[Floats]:
 
 
 def since_reversal(motion: MotionGrid) -> Floats:
-    """Distance travelled since the direction last changed, in m."""
+    """Distance from the position where the direction last changed, or the piece began, in m at each fine
+    sample; speeds within the band keep the direction.
+    """
     away = np.empty_like(motion.x)
     for piece in motion.pieces:
         x = motion.x[piece]

@@ -41,7 +41,9 @@ class Periods:
         self.lowest_hz = max(PULSATION_HZ[0], _LEAST_CYCLES / regression.extent.duration_s)
 
     def lines(self, fit: ModelFit, count: int = 4) -> list[Shape]:
-        """Frequencies in Hz of the strongest lines of the residual where pulses can be, and their halves."""
+        """Frequencies in Hz, as shapes of one value, of up to `count` strongest lines of the whitened
+        residual from `lowest_hz` to 4 Hz, then their halves, as far as these are not below `lowest_hz`.
+        """
         regression = self.regression
         rate = regression.signals.coarse_rate_hz
         residual = np.zeros(len(regression.rows))
@@ -91,7 +93,10 @@ class Periods:
         return [(range_m / float(waves),) for waves in best]
 
     def resolved(self, name: str, shape: Shape) -> bool:
-        """True if the motion has frequencies within a mode's width; one that repeats has harmonics only."""
+        """True if the motion can show a mode of that shape (Hz, damping ratio): not too far above the
+        motion's own frequencies, and wider than three harmonics where the motion repeats. True for what is no
+        mode.
+        """
         if base_name(name) != UnmodelledResonance.name:
             return True
         period_s = self._motion_period_s
@@ -119,7 +124,9 @@ class Periods:
         return float(again[0] + int(np.argmax(first))) / rate
 
     def echo(self, fit: ModelFit) -> bool:
-        """True if most of the pulsation's power is at harmonics of a motion that repeats."""
+        """True if most of the power of the fit's pulsation, which has to be there, is at harmonics, up to the
+        tenth, of a motion that repeats. False where the motion does not repeat.
+        """
         period_s, (frequency_hz,) = self._motion_period_s, fit.model[Pulsation.name]
         if period_s is None:
             return False
@@ -152,8 +159,9 @@ class Refiner:
         return self.regression.fit(model)
 
     def refined(self, fit: ModelFit, only: str | None = None, sweeps: int = 2, most: int = 70) -> ModelFit:
-        """Refines shapes by bounded scalar searches in turn, each between its neighbours on the grid; shapes
-        of one cause jointly, in at most `most` trials.
+        """Returns the fit with shapes refined, cause by cause, in up to `sweeps` rounds while that helps: one
+        shape by a bounded search between its neighbours on the grid, several of one cause jointly by a
+        simplex of at most `most` trials. `only`: the one cause that is refined.
         """
         names = [n for n, shape in fit.model.items() if shape and (only is None or n == only)]
         for sweep in range(sweeps if len(names) > 1 or any(len(fit.model[n]) > 1 for n in names) else 1):
@@ -169,7 +177,8 @@ class Refiner:
 
     def _refine_jointly(self, fit: ModelFit, name: str, most: int) -> ModelFit:
         """Refines shapes of one cause that trade against each other by a simplex, on their logarithms where
-        the candidate says so; else in their ranges on the grid.
+        the candidate says so; else in their ranges on the grid. Returns the best feasible fit (or the one
+        given); an infeasible one if its mode shows no peak and it scores better by 1.
         """
         best = lowest = fit
         logarithmic = CANDIDATES[name].logarithmic
@@ -185,7 +194,10 @@ class Refiner:
         steps = [0.5 / max(1, len(np.unique(column)) - 1) for column in grid.T]
 
         def cost(z: Floats) -> float:
-            """Score, worse where not allowed; remembers the best feasible and the lowest fit."""
+            """Score of a point; 1000 worse out of bounds, where the motion does not resolve it, or infeasible
+            but for a mode without a peak. Remembers the best feasible fit, and the lowest of those and such
+            modes.
+            """
             nonlocal best, lowest
             values = np.exp(z) if logarithmic else zero + scale * z
             shape = tuple(float(value) for value in values)
@@ -231,7 +243,9 @@ class Refiner:
         return best
 
     def _bracket(self, candidate: Candidate, value: float, wide: bool) -> tuple[float, float, bool]:
-        """Lowest and highest value of a shape's search, and True if they are logarithms."""
+        """(low, high, True if logarithms): bounds of the search of a cause's one shape about `value`. `wide`:
+        as far as its neighbours on the grid, or as a line or wave is resolved; else a fifth of that or less.
+        """
         if isinstance(candidate, Periodic):
             reach = (0.6 if wide else 0.1) / self.regression.extent.duration_s
             return max(value - min(reach, 0.3 * value), self.periods.lowest_hz), value + reach, False
@@ -292,10 +306,12 @@ class Search(Refiner):
         self.names = [name for name in (CANDIDATES if names is None else names) if name in CANDIDATES]
 
     def run(self, start: Model, passed: dict[frozenset[str], float] | None = None) -> ModelFit:
-        """Steps from `start` on to the model that no single step betters.
+        """Goes from `start`, refined, to the model that no step betters: each the first that helps of drop,
+        exchange and add, while steps and evaluations last. Returns its fit, friction made symmetric if that
+        fits.
 
-        `passed`: names and scores of the models that runs went on from, added to here; one that meets such a
-        model ends there, for it would go the same way.
+        `passed`: names and scores of the models that runs went on from, added to here; a run that meets one
+        ends there.
         """
         passed = {} if passed is None else passed
         best = self._sound(self.refined(self.fit(start)))
@@ -319,7 +335,9 @@ class Search(Refiner):
         return fit
 
     def _symmetric(self, fit: ModelFit) -> ModelFit:
-        """Replaces friction that differs by direction by friction and a bias, if that fits about as well."""
+        """Replaces friction that differs by direction by friction and a bias, if that fits about as well;
+        then drops a cause that is not worth its place. Else returns the fit as it is.
+        """
         others = base_name(ASYMMETRIC), "bias"
         if ASYMMETRIC not in fit.model or "bias" in fit.model or not set(others) <= set(self.names):
             return fit
@@ -364,7 +382,9 @@ class Search(Refiner):
         return None if best is None or not best.feasible else best
 
     def _scan(self, fit: ModelFit, name: str) -> ModelFit | None:
-        """Best feasible fit with one more cause on its grid, no echo of the motion; None where none is."""
+        """Best feasible fit with one more cause at the shapes of `_shapes`, not refined; without pulsations
+        that echo the motion. None where no shape is feasible.
+        """
         best: ModelFit | None = None
         periodic = isinstance(CANDIDATES[name], Periodic)
         repeats = periodic or isinstance(CANDIDATES[name], PositionWave)
@@ -377,7 +397,9 @@ class Search(Refiner):
         return best
 
     def _shapes(self, fit: ModelFit, name: str) -> list[Shape]:
-        """Shapes to try for a cause: by lines or waves of the residual, else of its grid."""
+        """Shapes to try for a cause: lines or waves of the residual, else of its grid; first the one that the
+        fit has, and of a mode only those that the motion resolves.
+        """
         if isinstance(CANDIDATES[name], Periodic):
             return self.periods.lines(fit)
         if isinstance(CANDIDATES[name], PositionWave):
@@ -391,7 +413,9 @@ class Search(Refiner):
         return CANDIDATES[name].grid(self.regression.extent)
 
     def _forward(self, fit: ModelFit) -> ModelFit | None:
-        """The best model with one more cause, costly if more than noise is left; None if none is worth it."""
+        """Best refined fit with one more cause; None if none is worth it or the model has six. Costly causes
+        (many shapes) only beside at most a bias, and if more than noise is left.
+        """
         if len(fit.model) >= MOST_CAUSES:
             return None
         best = self._best_of(fit, [name for name in self.names if not CANDIDATES[name].costly])
@@ -402,7 +426,9 @@ class Search(Refiner):
         return best
 
     def _best_of(self, fit: ModelFit, names: Iterable[str]) -> ModelFit | None:
-        """The best of the models with one of these causes more; None when it is not worth it."""
+        """Best of the fits with one of these causes more, the four best on their grids refined; None when
+        none is feasible or the best is not worth it. Passes over causes kin to one in the model.
+        """
         scanned = [self._scan(fit, name) for name in names if self.open_to(fit, name)]
         ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)[:4]
         refined = [
@@ -429,7 +455,9 @@ class Search(Refiner):
         return kin(name) not in map(kin, fit.model)
 
     def worth(self, more: ModelFit, less: ModelFit) -> bool:
-        """True if the larger model is better by likelihood and in size."""
+        """True if the larger model's score is better by enough, and the residual's rms, whitened or plain,
+        falls by enough; how much the one cause more says, or defaults for several.
+        """
         names = set(more.model) - set(less.model)
         new = CANDIDATES[names.pop()] if len(names) == 1 else None
         if less.score - more.score < (ADD if new is None else new.least_score):
@@ -452,7 +480,9 @@ class Search(Refiner):
         return self.refined(self.fit(rest), sweeps=1)
 
     def _exchange(self, fit: ModelFit) -> ModelFit | None:
-        """The best model in which one cause gave way to another."""
+        """Best refined fit in which one cause gave way to another; None where none is feasible and scores
+        better by 2 (while the noise is taken for white by 1 % of the rows, if that is more).
+        """
         if not fit.model:
             return None
         # while the noise is taken for white, which overstates it, the residual's power must fall by 1 %, too

@@ -42,7 +42,9 @@ class Cleaned:
 
 
 def clean(recording: Recording) -> Cleaned:
-    """Finds every fault of the sensor; takes spikes and mains hum out of a copy of the force."""
+    """Finds saturation, quantisation, spikes and mains hum, and takes the last two out of a copy of the
+    force. `recording`: has to have a force; it stays as it is.
+    """
     assert recording.force_n is not None
     force = np.array(recording.force_n)
     nowhere = np.zeros(len(force), dtype=np.bool_)
@@ -59,7 +61,9 @@ def clean(recording: Recording) -> Cleaned:
 
 
 def comb_step(force: Floats) -> float | None:
-    """The step of a comb of levels, or None: the values are dense, or no multiples of one step."""
+    """Step in N of a force whose values are multiples of one step, or None: the values are dense, fewer than
+    three, or no such multiples.
+    """
     levels = np.unique(force)
     if len(levels) < 3 or len(levels) > 0.2 * len(force) or len(levels) > 5000:
         return None
@@ -77,7 +81,9 @@ def comb_step(force: Floats) -> float | None:
 
 
 def _saturation(cleaned: Cleaned, step: float | None) -> None:
-    """Marks clipped samples and adds the fault where the force has a flat top or bottom."""
+    """Marks samples at a flat top or bottom in `cleaned.clipped` and adds the fault; neither where that is
+    over half of the samples. `step`: of a comb of levels, None without one.
+    """
     force = cleaned.force_n
     low, high = float(force.min()), float(force.max())
     limits: list[float] = []
@@ -120,7 +126,9 @@ def _piled(force: Floats, top: float, step: float | None) -> Mask | None:
 
 
 def _mains(cleaned: Cleaned, recording: Recording) -> None:
-    """Takes out lines within 0.7 Hz of 50 or 60 Hz that the motion lacks, with harmonics; adds the fault."""
+    """Takes lines within 0.7 Hz of 50 or 60 Hz that the motion lacks, with harmonics up to the fifth, out of
+    `cleaned.force_n`, and adds the fault. Passes over a line that the sampling rate can not show.
+    """
     for nominal in MAINS_HZ:
         if recording.rate_hz < 2.2 * nominal:
             continue
@@ -149,7 +157,9 @@ def _mains(cleaned: Cleaned, recording: Recording) -> None:
 
 
 def _line(t: Floats, values: Floats, nominal: float, reach: float = 0.7) -> tuple[float, float] | None:
-    """(frequency, height over what is beside it) of a line, or None; by heterodyning a few Hertz to zero."""
+    """(frequency in Hz, amplitude over what is beside it) of the strongest line within `reach` Hz of
+    `nominal`, or None where none stands out; by heterodyning the first 120 s to zero.
+    """
     span = min(float(t[-1]), 120.0)
     rows = t <= span
     t, values = t[rows], values[rows]
@@ -200,7 +210,9 @@ Ends = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 def _spikes(cleaned: Cleaned, recording: Recording, step_n: float | None) -> None:
-    """Takes out spikes and adds the fault; not where they are few or no exception, or come with reversals.
+    """Replaces spikes in `cleaned.force_n` by the running median, marks them in `cleaned.spikes`, adds the
+    fault. Does nothing where certain ones are below four or above 2 % of the samples, or come mostly at rest
+    or at certain times after reversals.
 
     `step_n`: of a comb of levels, if there is one: its flips are no spikes.
     """
@@ -269,7 +281,9 @@ def _at_rest(recording: Recording) -> Mask:
 
 
 def _come_with_the_motion(where: Mask, recording: Recording) -> bool:
-    """True if outliers come at certain times after a reversal, as impacts do: those are of the contact."""
+    """True if outliers come at certain times after a reversal, as impacts do: those are of the contact. False
+    with fewer than 4 reversals or 5 outliers.
+    """
     rate_hz = recording.rate_hz
     smooth = gaussian_filter1d(recording.position_m, _SMOOTH_S * rate_hz)
     direction = np.sign(np.diff(smooth, prepend=smooth[:1]))
@@ -283,7 +297,9 @@ def _come_with_the_motion(where: Mask, recording: Recording) -> bool:
 
 
 def _isolated(force: Floats, off: Floats, runs: Ends, widest: int) -> Ends:
-    """Runs that are short, and after which the force is where it was: no step, no pulse that decays."""
+    """Runs of at most `widest` samples to and from which the force jumps sharply, and after which it is where
+    it was: no step, no pulse that decays. `off`: force less its running median.
+    """
     starts, stops = runs
     if not len(starts):
         return runs

@@ -190,7 +190,9 @@ class Signals:
         return t, x, v, a
 
     def _coarse(self, grid: SignalPiece, f_spec: Spectrum, bad: Mask) -> tuple[Floats, Floats, Mask]:
-        """Time and filtered force on the coarse grid, and rows that count: not at edges, not near `bad`."""
+        """Time in s and filtered force on the coarse grid, and the mask of rows that count: not at edges, nor
+        within a period of the cutoff from raw samples that are `bad`.
+        """
         t = np.asarray(np.arange(grid.coarse) * (grid.span_s / grid.coarse), dtype=np.float64)
         edge_s = _EDGE / self.cutoff_hz
         length_s = (grid.samples - 1) * grid.period_s
@@ -207,7 +209,9 @@ def response(frequency_hz: NDArray[np.floating[Any]], cutoff_hz: float) -> Float
 
 
 def _grid(time_s: Floats, cutoff_hz: float) -> SignalPiece | None:
-    """Grids of a piece; None where it is shorter than three edges of the filter."""
+    """Lengths of a piece's raw, fine and coarse grids, padding included; None where it has fewer than 16
+    samples or lasts less than 12 periods of the cutoff.
+    """
     edge_s = _EDGE / cutoff_hz
     if len(time_s) < 16 or time_s[-1] - time_s[0] < _LEAST_SEGMENT * edge_s:
         return None
@@ -244,7 +248,9 @@ def _interpolated(at: Floats, time_s: Floats, values: Floats) -> Floats:
 
 
 def _padded(values: Floats, length: int) -> Floats:
-    """Prolongs both ends point-symmetrically, one fading into the other: no jump in value or slope."""
+    """Prolongs values behind their end to `length`: both ends mirrored point-symmetrically, one fading into
+    the other, so that neither value nor slope jumps where the last sample meets the first.
+    """
     count = length - len(values)
     reach = min(count, len(values) - 1)
     after = 2.0 * values[-1] - values[-2 : -2 - reach : -1]
@@ -330,7 +336,9 @@ def _travelled_m(x: Floats) -> Floats:
 
 
 def extent_of(signals: Signals, speed_band: float) -> Extent:
-    """Extent of motion and force, over which causes are searched; robust against extremes."""
+    """Extent of motion and force, without padding, over which causes are searched: bandwidth, length, ranges
+    of position and force from 0.5 to 99.5 % of the values, stroke from 5 to 95 %, speed up to 95 %.
+    """
     recorded = signals.recorded
     low, q1, q2, high = _travelled_m(signals.fine_x[recorded])
     return Extent(
@@ -355,8 +363,9 @@ _SLOW_MOTION, _SLOW_FORCE = 0.95, 0.99  # of the power of speed and force below 
 
 
 def cutoff_hz(recording: Recording, force_n: Floats) -> float:
-    """1.2 times the frequency below which lies 90 % of the force's power that goes with the motion; at
-    least 30 Hz, or what makes `MOST_ROWS` of a long recording that is slower than half of that.
+    """Cutoff in Hz: 1.2 times the frequency below which lies 90 % of the force's power that goes with the
+    motion, within 30 Hz and 0.45 of the sampling rate; the lower end for a short piece. Less, what makes
+    `MOST_ROWS`, for a long recording that is slower than half of that.
     """
     rate = recording.rate_hz
     most, least = _MOST * rate, min(_LEAST_HZ, _MOST * rate)

@@ -62,7 +62,10 @@ class Separable:
 
 
 def separable(columns: Columns, target: Floats, starts: Iterable[Floats]) -> Separable:
-    """Fits from the best of several starts; neighbouring errors that are alike count as one in covariance."""
+    """Fits logarithms of shapes, from the best of several starts, and linear parameters to `target` by least
+    squares; a start of length 0 has no shape. In the covariance neighbouring errors that are alike count as
+    one.
+    """
 
     def left(log_shape: Floats) -> Floats:
         table = columns(log_shape)
@@ -115,7 +118,9 @@ class StepResponse:
 
 
 def diagnosed_step(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
-    """Diagnosis of a stepped force by the mass on a spring that it moves; names no cause. None without steps.
+    """Diagnosis and analysis of a stepped force, by the mass, damper and spring that it moves; names no
+    cause: `nothing_missing` if they explain 95 % of the position's variance, else `unexplained`. None without
+    steps.
 
     Raises:
         RecordingError: too few samples in a row.
@@ -149,7 +154,9 @@ def _is_step(force_n: Floats) -> bool:
 
 
 def _response(recording: Recording) -> StepResponse:
-    """The linear system that answers the force best; the force holds from each stamp to the next."""
+    """Fits mass, damping and stiffness to the position as the answer to the force, which holds from each
+    stamp to the next. Leaves out a parameter whose interval reaches a factor of exp(1.5) or more.
+    """
     period_s, x, f = _evenly(recording)
     frequencies = np.geomspace(0.5 / (period_s * len(x)), _FASTEST / period_s, _FREQUENCIES)
     ringing = np.abs(np.fft.rfft(np.diff(x), 8 * len(x)))
@@ -172,7 +179,9 @@ def _response(recording: Recording) -> StepResponse:
 
 
 def _evenly(recording: Recording) -> tuple[float, Floats, Floats]:
-    """Period in s, position and force; the force is the last one that was set."""
+    """(period in s, position, force) resampled evenly to at most 20,000 samples over the whole recording: the
+    position interpolated, the force the last one that was set.
+    """
     assert recording.force_n is not None
     t = recording.time_s
     count = min(len(t), _MOST_SAMPLES)
@@ -183,7 +192,9 @@ def _evenly(recording: Recording) -> tuple[float, Floats, Floats]:
 
 
 def _columns(log_shape: Floats, f: Floats, period_s: float) -> Floats:
-    """Answer to the force, offset, and two free decays, shape (n, 4)."""
+    """Columns of a position, shape (n, 4): answer to the force at a stiffness of 1, offset, and two free
+    decays. `log_shape`: logarithms of the natural frequency in rad/s and the damping ratio.
+    """
     w, zeta = np.exp(log_shape)
     numerator, denominator, _ = cont2discrete(([w * w], [1.0, 2.0 * zeta * w, w * w]), period_s)
     answer = lfilter(numerator[0], denominator, f - f[0]) + f[0]
@@ -237,7 +248,9 @@ class Hold:
         return [separable(self.branches, self.f, points) for points in starts]
 
     def relaxes(self) -> bool:
-        """True if the force fades early and much, as a Prony series and not as a line."""
+        """True if the force of the hold fades by 5 % of its rise or more, 30 % of that in the first tenth of
+        the hold, and a Prony series, but no line, foretells held-out bins.
+        """
         since_s, f, bins = self.since_s, self.f[self.run], self.bins
         count = np.bincount(bins)
         used = count > 0
@@ -255,7 +268,9 @@ class Hold:
         return prony < _FOLLOWS and line > _FAR_BELOW * prony
 
     def held_out(self, log_times: Floats) -> Floats:
-        """Errors over the hold of two fits, each to the ramp and every second bin, at the other bins."""
+        """Errors in N at each sample of the hold, of two fits with these relaxation times (logarithms), each
+        to the rest of the test and every second bin of the hold, at the other bins.
+        """
         table, left, odd = self.branches(log_times), np.empty_like(self.f), np.full(len(self.f), -1)
         odd[self.run] = self.bins % 2
         for fold in (0, 1):
@@ -265,7 +280,9 @@ class Hold:
 
 
 def find_hold(recording: Recording) -> Hold | None:
-    """The ramp and hold that a recording is; None where it is none."""
+    """Ramp and hold that a recording is, thinned to 20,000 samples; None unless over 70 % of the samples, in
+    one run, are within 3 % of the range from the median, with at most three strokes in all.
+    """
     assert recording.force_n is not None
     every = slice(None, None, 1 + len(recording) // _MOST_SAMPLES)
     t, x, f = (c[every] for c in (recording.time_s, recording.position_m, recording.force_n))
@@ -280,7 +297,8 @@ def find_hold(recording: Recording) -> Hold | None:
 
 
 def diagnosed_hold(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
-    """Diagnosis of a ramp and hold, which names relaxation or nothing. None where the recording is none.
+    """Diagnosis and analysis of a ramp and hold: `cause_found`, relaxation of one or two branches, or
+    `nothing_found` beside a spring. None where the recording is no ramp and hold.
 
     Raises:
         RecordingError: too few samples in a row.
@@ -318,6 +336,9 @@ def _coefficients(fit: Separable) -> tuple[Model, list[float]]:
 
 
 def _relaxation(fit: Separable, sense: float, held_out: HeldOut) -> Cause:
+    """Stress relaxation as a cause: stiffness and time constant of each branch, with 95 % intervals, and its
+    held-out gain. `sense` -1 turns the stiffnesses' sign.
+    """
     doubts, count = fit.doubts(), len(fit.log_shape)
     parameters = {}
     for i, (stiffness, time) in enumerate(_NAMES[:count]):
@@ -329,6 +350,9 @@ def _relaxation(fit: Separable, sense: float, held_out: HeldOut) -> Cause:
 
 
 def _model_error(fit: Separable, errors: Floats, hold: Hold, sense: float) -> ModelError:
+    """Error of a fit by its held-out `errors` in N, with stiffness and bias and their 95 % intervals;
+    parameters of branches are left out. `sense` -1 turns their sign.
+    """
     stiffness, bias = (
         Interval.about(sense * fit.theta[i], fit.doubts()[len(fit.log_shape) + i]) for i in (0, 1)
     )

@@ -55,7 +55,11 @@ def plain_columns(regression: RecordingRegression, fit: ModelFit) -> Floats:
 def held_out(
     regression: RecordingRegression, white: Floats, plain: Floats, ridge: Floats | float = 1e-10
 ) -> Floats:
-    """Held-out errors in N for any columns, with a ridge on them in units of their own size."""
+    """Errors in N at the rows that count, each block predicted by coefficients fitted to all others, for any
+    columns, shape (rows, n): `white` are fitted, `plain` predict. `ridge`: one, or one for each column scaled
+    to an rms of 1. A column with over 80 % of its power in one block keeps its coefficient of all blocks
+    there.
+    """
     scale = np.sqrt(np.mean(white**2, axis=0))
     scale[scale == 0.0] = 1.0
     white = white / scale
@@ -82,7 +86,9 @@ def gain(regression: RecordingRegression, before: Floats, after: Floats) -> Held
 
 
 def gain_over(numbers: NDArray[np.int64], before: Floats, after: Floats) -> HeldOut:
-    """Gain from one series of errors to another, its interval by bootstrap; `numbers`: their blocks."""
+    """Gain, 1 - rms after / rms before, from one series of errors to another, with its 95 % interval by
+    bootstrap over blocks; `numbers`: the block of each error.
+    """
     sums = np.array([[np.sum(e[numbers == k] ** 2) for e in (before, after)] for k in np.unique(numbers)])
     rng = np.random.default_rng(0)
     drawn = sums[rng.integers(len(sums), size=(_BOOTSTRAP_DRAWS, len(sums)))].sum(axis=1)
@@ -153,7 +159,9 @@ def significant(parameters: dict[str, Interval]) -> dict[str, Interval]:
 
 
 def _interval(value: float, drawn: Floats, moved: float, least: float) -> Interval:
-    """Interval of 95 % of the draws, widened on each side by how far the value `moved`; not below `least`."""
+    """Interval of 95 % of the draws about `value`; each side joined in square with how far the value `moved`,
+    widened by 1.4, not below `least`. Draws that are not finite do not count.
+    """
     drawn = drawn[np.isfinite(drawn)]
     low, high = np.quantile(drawn, (0.025, 0.975)) if len(drawn) else (value, value)
     doubt = abs(moved) if np.isfinite(moved) else 0.0
@@ -168,7 +176,9 @@ def _point(fit: ModelFit) -> Floats:
 
 
 def _named(regression: RecordingRegression, fit: ModelFit, theta: Floats) -> dict[str, Values]:
-    """Named parameters by cause, of mass, damper and spring under ""; `theta`: as of `_point`."""
+    """Named parameters by cause, of mass, damper and spring under "", all for a force that resists; `theta`:
+    coefficients, then shapes, as of `_point`, which may differ from the fit's own.
+    """
     linear, shapes = theta[: len(fit.owners)] * regression.sense, iter(theta[len(fit.owners) :])
     base = linear[:3]
     named: dict[str, Values] = {"": dict(zip(BASE, base, strict=True))}
@@ -215,7 +225,9 @@ def slopes_of(regression: RecordingRegression, fit: ModelFit, white: bool = True
 
 
 def _slope(regression: RecordingRegression, fit: ModelFit, name: str, index: int, white: bool) -> Floats:
-    """Derivative of the prediction by one shape parameter, by a central difference."""
+    """Derivative of the prediction by one shape parameter, by a central difference, coefficients kept:
+    whitened at the rows that count if `white`, else in N on the coarse grid.
+    """
     shape = fit.model[name]
     candidate = CANDIDATES[name]
     if isinstance(candidate, Periodic):

@@ -71,7 +71,9 @@ class Cause:
     def fitted(
         cls, name: str, parameters: dict[str, Interval], likelihood: float, held_out: HeldOut, words: str
     ) -> "Cause":
-        """Cause of a model; `held_out`: errors without it and with it."""
+        """Cause of a fitted model; `held_out`: errors without it and with it, from which its gain and
+        `explained_n` follow. `likelihood`: fall of the penalised -2 log likelihood with it.
+        """
         before_n, after_n, gain = held_out.rmse_before_n, held_out.rmse_after_n, held_out.gain
         evidence = Evidence(
             cause_class(name).fingerprint, likelihood, gain, held_out.gain_low, held_out.gain_high, words
@@ -102,7 +104,9 @@ class ModelError:
 
     @classmethod
     def of(cls, rmse_n: float, force_n: float, parameters: Mapping[str, dict[str, Interval]]) -> "ModelError":
-        """Error of a model by its parameters by cause, "" for m, b, k; `force_n`: standard deviation."""
+        """Error of a model; `parameters` by cause, "" (mass, damping, stiffness) among them, become values
+        named `cause.parameter`; intervals are kept of "" alone. `force_n`: standard deviation of the force.
+        """
         values = {
             f"{name}.{key}" if name else key: interval.value
             for name, intervals in parameters.items()

@@ -63,7 +63,8 @@ class Arrivals:
 
 
 def arrivals(time_s: Floats, link: DelayedLink) -> Arrivals:
-    """The arrivals of the forces stamped `time_s` (increasing).
+    """Arrivals of the forces stamped `time_s` (increasing) over the link, without those that are lost or
+    arrive after the last stamp; repeatable by `link.seed`.
 
     Sample i has arrived at the stamp t if time_s[i] <= t - latency_i, computed so: without jitter that is the
     comparison by which a zero-order hold is defined, to the last bit.

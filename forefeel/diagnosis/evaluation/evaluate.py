@@ -54,10 +54,11 @@ class Evaluated:
 
 
 def prepare(recording: Recording, link: DelayedLink) -> Prepared:
-    """Computes the arrivals of a recording, and the stamps to score.
+    """Computes the arrivals of a recording's forces, replays the zero-order hold, and finds the stamps to
+    score.
 
     Raises:
-        RecordingError: no force, too short, or no force that arrives in time.
+        RecordingError: no force, shorter than 3 s and the delay, or no force that arrives in time.
     """
     if recording.force_n is None:
         raise RecordingError(f"{recording.source}: no force, expected a column with the measured force")
@@ -80,7 +81,8 @@ def prepare(recording: Recording, link: DelayedLink) -> Prepared:
 def evaluate(
     prepared: Prepared, model: ContactModel | None, progress: Callable[[str], None] = lambda name: None
 ) -> Evaluated:
-    """Replays a recording through every method, each from a cold start, and scores them.
+    """Replays a recording through every method, each from a cold start, and scores them; forefeel and zoh
+    also by regime of the motion.
 
     Args:
         prepared: see `prepare`.
@@ -108,7 +110,9 @@ def _notes(prepared: Prepared) -> tuple[str, ...]:
 
 
 def rules(link: DelayedLink, model: ContactModel | None) -> tuple[str, ...]:
-    """Rules of the comparison, in plain words."""
+    """Sentences that state the rules of the comparison: what is known when over the link, what is scored and
+    how, and the settings of the methods. `model` None: forefeel uses its own.
+    """
     return (
         "At a stamp t a method knows its own motion up to t and the forces that have arrived: "
         + (
@@ -150,7 +154,9 @@ _WITH_BAND = "forefeel"
 def to_json(
     link: DelayedLink, rules: Sequence[str], recordings: Mapping[str, Evaluated], skipped: Mapping[str, str]
 ) -> str:
-    """The text of evaluation.json; recordings and skipped files by their stem."""
+    """Text of evaluation.json: the link, the rules, the evaluated recordings by stem, and `skipped`, the
+    reason by stem. Writes no file; raises ValueError for a number that is not finite.
+    """
     document = {
         "schema": SCHEMA,
         "delay_s": link.delay_s,
@@ -165,7 +171,7 @@ def to_json(
 
 
 def _recording(evaluated: Evaluated) -> dict[str, object]:
-    """Entry of a recording in evaluation.json."""
+    """Entry of a recording in evaluation.json: its sampling, notes, and scores by method and by regime."""
     recording = evaluated.prepared.recording
     return {
         "samples": len(recording),
@@ -179,7 +185,9 @@ def _recording(evaluated: Evaluated) -> dict[str, object]:
 
 
 def _method(name: str, score: Score) -> dict[str, object]:
-    """Entry of a method in evaluation.json; the band is forefeel's alone."""
+    """Entry of a method in evaluation.json: size of the error, and `diverged_at_s` only where it diverged.
+    The band, and the expert that led, are forefeel's alone; a width that is not finite becomes None.
+    """
     size = score.size
     fields: dict[str, object] = {"rms_n": size.rms_n, "p95_n": size.p95_n, "max_n": size.max_n}
     if score.diverged_at_s is not None:
@@ -201,7 +209,9 @@ def notes(recording: Recording) -> tuple[str, ...]:
 
 
 def _sampling(recording: Recording) -> str:
-    """Sentence on rate and evenness of the stamps."""
+    """Sentence on the rate, and on the spread of the periods where it is 1 % of the median or more; another
+    one where no two samples are within 0.1 s. Intervals across gaps do not count.
+    """
     period_ms = 1e3 * np.concatenate([np.diff(recording.time_s[piece]) for piece in recording.segments()])
     if not len(period_ms):
         return (

@@ -134,7 +134,9 @@ class PaperRls:
         self._symmetrise = symmetrise
 
     def update(self, phi: Sequence[float] | Array, y: float) -> float:
-        """One sample; returns the innovation e(k) (11). Overflow shows as infinity or NaN in `theta`."""
+        """Learns from one sample: updates `theta` and `covariance`, and returns the innovation e(k) (11),
+        made with `theta` before. Overflow shows as infinity or NaN in `theta`, not as an exception.
+        """
         phi = np.asarray(phi, dtype=np.float64)
         with np.errstate(over="ignore", invalid="ignore"):
             p_phi = self.covariance @ phi
@@ -166,7 +168,9 @@ class PaperMethod:
         self._phi: tuple[float, float, float] | None = None
 
     def move(self, t_s: float, position_m: float) -> None:
-        """Takes the motion's differences, and learns from the forces that have arrived."""
+        """Takes the motion's differences, then learns from each force that has arrived with those of its own
+        stamp. At the first two samples after a start or gap there are no differences, so nothing to predict.
+        """
         self._phi = self._differences(t_s, position_m)
         if self._phi is not None:
             self._pairs.remember(t_s, self._phi)
@@ -175,7 +179,9 @@ class PaperMethod:
             self._theta = None
 
     def _differences(self, t_s: float, x: float) -> tuple[float, float, float] | None:
-        """(x'', x', x), or None at the first two samples."""
+        """(x'', x', x) by backward differences, or None at the first two samples since `restart`; keeps
+        stamp, position and speed for the next call.
+        """
         v = a = None
         if self._t_s is not None:
             dt = t_s - self._t_s
@@ -226,7 +232,9 @@ class MbkBias:
         self._velocity.reset()
 
     def move(self, t_s: float, position_m: float) -> None:
-        """Learns from the forces that have arrived, and takes the regressors of this motion."""
+        """Learns from the forces that have arrived, but not before 1 s of motion has scaled the estimator;
+        then sets the regressors (x'', x', x, 1) of this motion, none at the first sample after a gap.
+        """
         self._pairs.remember(t_s, position_m)
         if self._rls is None:
             self._measure_stroke(t_s, position_m)
@@ -242,7 +250,9 @@ class MbkBias:
         self._last = t_s, position_m
 
     def _measure_stroke(self, t_s: float, position_m: float) -> None:
-        """Makes the estimator, scaled by the stroke, once 1 s of motion is known."""
+        """Collects the motion; once it spans 1 s, makes the estimator, its regressors scaled by a sine of
+        0.75 Hz of half the range, or of 5 mm if that is below 1 um.
+        """
         self._first.append((t_s, position_m))
         if t_s - self._first[0][0] < _STROKE_S:
             return
@@ -254,7 +264,10 @@ class MbkBias:
         self._rls = RecursiveLeastSquares(scales, _MEMORY_S)
 
     def _learn(self, rls: RecursiveLeastSquares, stamp_s: float, position_m: float, force_n: float) -> None:
-        """Filters a pair and learns from it, unless it is not newer or the filters settle after a gap."""
+        """Filters position and force of one stamp and learns from them. Ignores a stamp that is not newer
+        than the last. A gap over 0.1 s, as at the start, resets the filters, which settle for 0.13 s before
+        it learns.
+        """
         dt = stamp_s - self._learned_s
         if dt <= 0.0:
             return
@@ -306,7 +319,8 @@ class MethodTrace:
 
 
 def replay(recording: Recording, arrivals: Arrivals, method: Method) -> MethodTrace:
-    """Runs a method: at each stamp the forces that have arrived since, the own motion, then the prediction.
+    """Runs a method over a recording and returns its predictions: at each stamp it is given the forces that
+    have arrived since the last, then the own motion, and is asked.
 
     After a gap the method is restarted, between the forces that arrived in the gap and the next motion.
 

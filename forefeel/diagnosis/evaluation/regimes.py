@@ -76,9 +76,11 @@ def regimes(recording: Recording) -> Regimes:
 def by_regime(
     regime: Regimes, rows: Mask, force_n: Floats, zoh_n: Floats, forefeel_n: Floats | None
 ) -> Mapping[str, RegimeScore]:
-    """Errors at the scored samples `rows`, by the names of the regimes; arrays of shape (n,).
+    """Share of the scored samples `rows` and rms errors of zoh and forefeel in each regime, by its name; None
+    for a regime without a sample. Arrays have shape (n,).
 
     Args:
+        regime: of each sample, an index of `REGIMES`.
         forefeel_n: None where it diverged.
     """
     scores: dict[str, RegimeScore] = {}
@@ -94,7 +96,9 @@ def by_regime(
 
 
 def _velocity(time_s: Floats, x: Floats) -> Floats:
-    """Velocity (1) of a piece without gaps; 0 for a single sample, of which no motion is known."""
+    """Velocity in m/s of a piece without gaps: a central difference over the outermost stamps within 25 ms,
+    at least the neighbours; 0 for a single sample, of which no motion is known.
+    """
     n = len(time_s)
     if n == 1:
         return np.zeros(1)
@@ -108,7 +112,10 @@ def _velocity(time_s: Floats, x: Floats) -> Floats:
 
 
 def _regimes(time_s: Floats, direction: Floats) -> Regimes:
-    """Regimes of a piece without gaps. `direction`: the sign of v, 0 where it is slow."""
+    """Regime of each sample of a piece without gaps, an index of `REGIMES`: rest, else onset (0.3 s after a
+    rest), else reversal (0.3 s after the sign changes), else cruise. `direction`: the sign of v, 0 where it
+    is slow.
+    """
     at_rest = _long_enough(time_s, direction == 0.0)
     regime = np.full(len(time_s), _CRUISE)
     regime[_soon_after(time_s, _turned(direction))] = _REVERSAL

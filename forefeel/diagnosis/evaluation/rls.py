@@ -70,7 +70,10 @@ class RecursiveLeastSquares:
         self._forgotten = 0.0
 
     def update(self, phi: Sequence[float], y: float, dt: float) -> None:
-        """Learns from a sample, dt seconds after the last; not from one that is absurd or uninformative."""
+        """Learns from a sample, dt seconds after the last, and counts it in `updates`. Ignores one that is
+        not finite, has dt < 0, is absurd (phi' P phi >= 1e12), or tells less than forgetting takes (phi' P
+        phi <= 1 - lambda).
+        """
         e = y
         for i, theta in enumerate(self._theta):
             e -= phi[i] * theta
@@ -83,7 +86,10 @@ class RecursiveLeastSquares:
             self._correct(f, v, lam, e)
 
     def _correct(self, f: list[float], v: list[float], lam: float, e: float) -> None:
-        """Updates theta and P by equations (9), (10), (12), then by the floor of information."""
+        """Updates theta and P by the gain K = P phi / alpha and the innovation `e`, and counts the sample;
+        once 2 % are forgotten, adds to P what the prior's information lost. `f`, `v`: of `project`; `v` is
+        used up.
+        """
         p_phi, alpha = self._p.correct(f, v, lam)
         step = e / alpha
         theta = self._theta
@@ -169,10 +175,10 @@ class UdCovariance:
         return f, v, power
 
     def correct(self, f: list[float], v: list[float], lam: float) -> tuple[list[float], float]:
-        """P = (I - K phi') P / lambda for the phi that gave f and v; returns (P phi, alpha), the gain being K
-        = P phi / alpha.
+        """Sets P to (I - K phi') P / lambda for the phi that gave f and v; returns (P phi, alpha), with P as
+        it was before and the gain K = P phi / alpha.
 
-        `v` is used up: it becomes P phi (before the correction).
+        `v` is used up: it becomes P phi.
         """
         d = self._d
         alpha = lam
@@ -196,7 +202,7 @@ class UdCovariance:
 
     @property
     def matrix(self) -> Matrix:
-        """P, exactly symmetric."""
+        """P as a list of rows, computed from U and D; exactly symmetric."""
         n = len(self._d)
         u = [[self._u[j][i] if i < j else float(i == j) for j in range(n)] for i in range(n)]
         p = [[0.0] * n for _ in range(n)]

@@ -48,9 +48,11 @@ def completed(trace: MethodTrace, zoh: MethodTrace) -> Floats:
 
 
 def score(time_s: Floats, force_n: Floats, trace: MethodTrace, zoh: MethodTrace, rows: Mask) -> Score:
-    """Score of one method over the scored stamps `rows`; all arrays have shape (n,).
+    """Score of one method over the scored stamps `rows`; zoh's prediction counts where it has none. All
+    arrays have shape (n,).
 
-    It diverged if a prediction at one of them is not finite or beyond 100 times the largest force recorded.
+    It diverged if a prediction at one of them is not finite or beyond 100 times the largest force recorded:
+    then there is neither size nor band, but the time of the first such stamp, scored or not.
     """
     predicted_n = completed(trace, zoh)
     largest_n = float(np.abs(force_n).max())
@@ -64,7 +66,9 @@ def score(time_s: Floats, force_n: Floats, trace: MethodTrace, zoh: MethodTrace,
 
 
 def _band(force_n: Floats, trace: MethodTrace, rows: Mask) -> BandScore:
-    """Score of the band where there is one; the leading expert also without."""
+    """Coverage and mean width of the 95 % band over the stamps of `rows` that have one, None without any; and
+    the expert that led most often in `rows`, None where none did.
+    """
     known = rows & np.isfinite(trace.low_n) & np.isfinite(trace.high_n)
     leading = Counter(trace.leading[k] for k in np.flatnonzero(rows) if trace.leading[k])
     most = leading.most_common(1)[0][0] if leading else None
