@@ -158,7 +158,7 @@ def acquire(settings: CanSettings) -> SharedNetwork:
 
 
 def release(shared: SharedNetwork) -> None:
-    """Ends one use of the network; the last one closes the bus."""
+    """Ends one use of the network; the last one closes the bus, and the next `acquire` opens it anew."""
     with _lock:
         shared.users -= 1
         if shared.users:

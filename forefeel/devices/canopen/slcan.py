@@ -54,7 +54,9 @@ class Lines:
         self._skipping = False
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Returns the lines that are complete now, in order, none of them empty; a bell ends a line, too."""
+        """Returns the lines that are complete now, in order, none of them empty; a bell ends a line, too. A
+        line that grows beyond 64 bytes is dropped and counted.
+        """
         self.counts["bells"] += data.count(BELL)
         *complete, self._rest = (self._rest + data).replace(BELL, OK).split(OK)
         if complete and self._skipping:

@@ -165,7 +165,8 @@ def state_pdo(node: int) -> Pdo:
 
 
 def configure(device: RemoteDevice, settings: Cia402Settings, scale: PositionScale) -> float:
-    """Configures the drive for cyclic synchronous position, starts it, and returns its position in m.
+    """Configures the drive for cyclic synchronous position, starts its PDOs, and returns its position in m.
+    Writes PDOs, timing, software limits, reactions to faults, and mode; the drive is not enabled yet.
 
     Raises:
         DeviceError: no answer, or an object that is needed is refused.
@@ -187,7 +188,7 @@ def configure(device: RemoteDevice, settings: Cia402Settings, scale: PositionSca
 
 def require_homing(device: RemoteDevice, settings: Cia402Settings) -> None:
     """Writes and reads back method, speeds and acceleration of homing; nothing moves. DeviceSetupError: no
-    mode of homing, a fault, or a value that is refused.
+    mode of homing, a drive in a fault, or a value that is refused.
     """
     homing, per_m = settings.homing, settings.counts_per_m
     if not int(device.read(cia402.SUPPORTED_MODES)) & cia402.HOMING_SUPPORTED:

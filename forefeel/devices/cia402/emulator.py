@@ -234,7 +234,10 @@ class DriveModel:
     # --- what it is told ---
 
     def control(self, word: int) -> None:
-        """Takes a controlword: resets a fault, changes the state, starts or interrupts homing."""
+        """Takes a controlword and changes the state by it; in the mode of homing it starts or interrupts
+        homing. In a fault only the rising edge of bit 7 counts: it resets the fault, unless the drive is
+        broken.
+        """
         rising = word & ~self._control
         self._control = word
         if self.state is DriveState.FAULT:
@@ -272,7 +275,9 @@ class DriveModel:
         self._synced_s = t_s
 
     def lose_host(self) -> None:
-        """While enabled: quick stop if object 6007 says so, else a fault; nothing in other states."""
+        """Puts an enabled drive in quick stop if object 6007 says so, else in a fault; nothing in other
+        states.
+        """
         if self.state is not DriveState.ENABLED:
             return
         if self.objects[cia402.ABORT_OPTION] == cia402.ABORT_QUICK_STOP:

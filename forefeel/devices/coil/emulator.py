@@ -119,7 +119,10 @@ class CoilDevice:
                 self._passing, self._passes_s = _PASSING[fault], self._next * _PERIOD_S + _PASSES_S
 
     def _identify(self, request: Identify, t_s: float) -> None:
-        """Answers a request: sets watchdog and current limit, at most its own, and clears latched flags."""
+        """Answers a request with the identity, sets watchdog and current limit (at most its own), clears
+        flags. Only WATCHDOG and OVERCURRENT are cleared; the command is forgotten, and the watchdog runs from
+        now.
+        """
         hardware = self.hardware
         watchdog_ms = min(request.watchdog_ms, hardware.longest_watchdog_ms)
         limit_ma = min(request.limit_ma, round(hardware.peak_a * 1e3))

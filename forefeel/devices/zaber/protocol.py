@@ -92,7 +92,7 @@ class CommandEncoder:
         self._next = 0
 
     def encode(self, axis: int, text: str) -> tuple[int, bytes]:
-        """Encodes a command with the next message id; (message id, line).
+        """Encodes a command with the next message id; returns (message id, line).
 
         Where the command ends in a number, ids are passed over until the checksum ends in a letter: if the
         colon is damaged or lost on the way, the line is no valid command with a longer number.
