@@ -42,9 +42,9 @@ class CalibrationFit(NamedTuple):
 
 
 def level_of(times_s: Sequence[float], natives: Sequence[float]) -> Level:
-    """Mean, noise and drift of readings at times in s; at least three, not all at one time.
-
-    The line is that of least squares; its rise has the standard deviation std T / sqrt(sum (t - mean)^2).
+    """Computes mean, noise and drift of readings at times in s, by the line of least squares through them.
+    The rise of the line has the standard deviation std T / sqrt(sum (t - mean)^2). ValueError: fewer than
+    three readings, or all at one time.
     """
     n = len(natives)
     if n < 3 or len(times_s) != n or max(times_s) <= min(times_s):
@@ -58,7 +58,7 @@ def level_of(times_s: Sequence[float], natives: Sequence[float]) -> Level:
 
 
 def require_steady(level: Level, newton_per_native: float, range_n: float, what: str) -> None:
-    """Refuses a level whose readings move.
+    """Refuses a level whose readings are too noisy, or drift more than their noise explains.
 
     Args:
         level: what was read.
@@ -67,7 +67,8 @@ def require_steady(level: Level, newton_per_native: float, range_n: float, what:
         what: the load in words, for the text.
 
     Raises:
-        RunError: with what was found and what is allowed.
+        RunError: noise above 2 % of the range (rms), or drift above 0.5 % of it and three times its
+            standard deviation.
     """
     scale_n, allowed_n = abs(newton_per_native), _STEADY_SHARE * range_n
     noise_n, noise_allowed_n = level.std * scale_n, _NOISE * allowed_n
@@ -87,8 +88,7 @@ def forces_of(text: str, newton_per_unit: float, where: str) -> list[float]:
     """Parses a list such as `0,0.05,0.1` to forces in N, zero left out: the cell is tared without a load.
 
     Raises:
-        ConfigurationError: not a list of numbers, one twice, fewer than two loads with that of the tare, or
-            beyond reason.
+        ConfigurationError: not a list of numbers, one twice, none besides 0, or above 1e6 N.
     """
     words = [word.strip() for word in text.split(",")]
     try:
@@ -143,7 +143,7 @@ def fit(steps: Sequence[Step]) -> CalibrationFit:
 
 
 def require_line(fitted: CalibrationFit, range_n: float, residual_share: float) -> None:
-    """Refuses a cell that is not linear enough. RunError: a residual above that share of the range."""
+    """Raises RunError when the rms residual of the fit exceeds `residual_share` of the range."""
     allowed_n = residual_share * range_n
     if not fitted.residual_n <= allowed_n:
         raise RunError(
@@ -173,7 +173,7 @@ def travel_of(
 
 
 def require_travel(measured_m: tuple[float, float], expected_m: tuple[float, float]) -> None:
-    """Refuses a stage that does not reach what its settings say. RunError: with both travels."""
+    """Raises RunError unless the measured travel covers the expected one (low, high) in m."""
     if measured_m[0] > expected_m[0] or measured_m[1] < expected_m[1]:
         low, high = (1e3 * end_m for end_m in measured_m)
         raise RunError(

@@ -81,7 +81,7 @@ def run_load_cell(
     residual_share: float = 0.01,
     clock: SleepingClock | None = None,
 ) -> None:
-    """Calibrates a load cell and writes the file.
+    """Calibrates a load cell: asks for each load, up and down, reads it, fits the line, and writes the file.
 
     Args:
         target: the device and the file.
@@ -139,7 +139,9 @@ def run_load_cell(
 
 
 def _loads_n(weights: str | None, forces: str | None) -> list[float]:
-    """Loads in N of the one option that is given; ConfigurationError: none, both, or a weight below 0."""
+    """Returns the loads in N, without 0, of the one option that is given: `weights` in kg or `forces` in N.
+    ConfigurationError: none, both, a weight below 0, or as `forces_of`.
+    """
     if forces is not None and weights is None:
         return forces_of(forces, 1.0, "--forces")
     if weights is None or forces is not None:
@@ -151,7 +153,9 @@ def _loads_n(weights: str | None, forces: str | None) -> list[float]:
 
 
 def _level(cell: NativeLoadCell, clock: SleepingClock, load: str, settle_s: float) -> Level:
-    """Reads a settled load for 0.5 s, at least ten times. DeviceError: too slow; RunError: not valid."""
+    """Waits for `settle_s`, then reads the cell for 0.5 s, at least ten times; returns mean, noise and drift.
+    DeviceError: fewer within 30 s. RunError: a reading is not valid.
+    """
     settled_ns = clock.now_ns() + round(settle_s * 1e9)
     readings: list[NativeReading] = []
     while len(readings) < LEAST_READINGS or readings[-1].stamp_ns - readings[0].stamp_ns < _AVERAGE_S * 1e9:
@@ -169,7 +173,7 @@ def _level(cell: NativeLoadCell, clock: SleepingClock, load: str, settle_s: floa
 
 
 def run_stage(target: Target, velocity_m_s: float, clock: SleepingClock | None = None) -> None:
-    """Calibrates a stage and writes the file.
+    """Calibrates a stage: asks for consent, homes, travels from end to end, homes again, and writes the file.
 
     Raises:
         InputError: the options, the configuration or the device is not as expected; nothing moved.
@@ -223,8 +227,8 @@ def run_stage(target: Target, velocity_m_s: float, clock: SleepingClock | None =
 
 @contextmanager
 def _no_slave_beside(config: Path) -> Iterator[None]:
-    """Holds the slave's state folder while the body moves its devices. ConfigurationError: the slave of this
-    file runs. RunError: an emergency stop is latched.
+    """Locks the slave's state folder, if there is one, while the body moves the slave's devices.
+    ConfigurationError: the slave of this file runs. RunError: an emergency stop is latched.
     """
     folder = state_path(load_daemon(config), "slave", os.environ)
     if not folder.is_dir():  # no slave has ever used it
@@ -240,8 +244,8 @@ def _no_slave_beside(config: Path) -> Iterator[None]:
 
 
 def ask_person(text: str, request: str, yes: bool) -> str:
-    """Prints `text`, and returns the line that it requests on stdin; with `yes` it waits for nothing.
-    RunError: stdin ended.
+    """Prints `text` and `request`, waits for a line on stdin, and returns it stripped, in lower case. With
+    `yes` it prints `text` alone and returns "yes" at once. RunError: stdin ended.
     """
     if yes:
         say(text)
@@ -254,7 +258,7 @@ def ask_person(text: str, request: str, yes: bool) -> str:
 
 
 def _identify(device: ConfiguredDevice, link: DeviceLink) -> str:
-    """Prints the identity; returns the serial number for the calibration. DeviceSetupError: it has none."""
+    """Prints the identity of the device; returns its serial number. DeviceSetupError: it has none."""
     if not link.serial:
         raise DeviceSetupError(
             f"{device.name} on {device.where}: no serial number; expected one to bind the calibration to; "

@@ -63,7 +63,8 @@ class Finding:
 def examine(
     files: Sequence[Path], host: HostProbe, progress: Callable[[str], None], environment: Mapping[str, str]
 ) -> list[Finding]:
-    """Runs every check that the files allow; without files those of the host.
+    """Runs every check that the settings files allow, then those of the host alone; returns the findings.
+    Calls `progress` with what is being checked. Without files only versions and real time are checked.
 
     Raises:
         ConfigurationError: a file can not be loaded, or two are of one role.
@@ -88,7 +89,7 @@ def examine(
 
 
 def _load(files: Sequence[Path]) -> list[DaemonSettings]:
-    """Loads the daemons' settings; ConfigurationError: two of one role."""
+    """Loads the daemons' settings files. ConfigurationError: one is wrong, or two are of one role."""
     loaded: list[DaemonSettings] = []
     for path in files:
         settings = load_daemon(path)
@@ -99,7 +100,10 @@ def _load(files: Sequence[Path]) -> list[DaemonSettings]:
 
 
 def check_certificates(settings: DaemonSettings, host: HostProbe) -> Iterator[Finding]:
-    """Checks that what is open to a network has a certificate, valid and of this host's names."""
+    """Yields findings on the exposure of the endpoints, a key of the authority here, and the certificate.
+    Red: not secured towards a network, or a certificate that can not be used; amber: it expires soon, or the
+    authority's key is on this host. Without certificates only the first.
+    """
     role, transport, group = settings.role, settings.transport, "certificates"
     try:
         secured = transport.pki is not None
@@ -133,7 +137,9 @@ def check_certificates(settings: DaemonSettings, host: HostProbe) -> Iterator[Fi
 
 
 def _check_names(folder: Path, role: Role, party: Party, listen: Sequence[str]) -> Iterator[Finding]:
-    """Checks that the certificate names the addresses at which the daemon listens for other hosts."""
+    """Yields a finding on the names in the certificate: red unless it names all addresses that are listened
+    at. Nothing when the daemon listens on this host alone.
+    """
     from forefeel.pki.authority import hosts_of  # noqa: PLC0415 - loads the library of certificates
 
     wanted = [endpoint.partition("/")[2].rpartition(":")[0] for endpoint in listen]
@@ -152,7 +158,9 @@ def _check_names(folder: Path, role: Role, party: Party, listen: Sequence[str]) 
 
 
 def check_network(settings: DaemonSettings, host: HostProbe) -> Iterator[Finding]:
-    """Tries each endpoint with our certificate, for its round trip; then compares the clocks."""
+    """Yields a finding on each endpoint that is connected to, tried with our certificate, then on the clocks.
+    Red without any endpoint; nothing where the certificate can not be read.
+    """
     role, transport = settings.role, settings.transport
     if not transport.listen and not transport.connect:
         advice = "name one in transport.listen or transport.connect"
@@ -178,7 +186,7 @@ def check_network(settings: DaemonSettings, host: HostProbe) -> Iterator[Finding
 
 
 def _judged_reach(reached: Reached) -> Finding:
-    """Red for an obstacle, amber where it can not be tried, else green with the round trip."""
+    """Returns the finding on an endpoint: red for an obstacle, amber if it can not be tried, else green."""
     if reached.obstacle is not None:
         return Finding("network", reached.endpoint, "red", reached.obstacle.what, reached.obstacle.advice)
     if reached.connect_s is None:
@@ -192,7 +200,9 @@ def _judged_reach(reached: Reached) -> Finding:
 
 
 def check_clocks(received: CellStates) -> Iterator[Finding]:
-    """Judges each offset by its bound: good below 1 ms, acceptable to 10 ms, poor above; unknown is amber."""
+    """Yields a finding on each end's clock offset, by its bound: green to 10 ms, amber above. Amber when no
+    end is heard or there is no session, red when unknown in one, or for a wrong mode.
+    """
     if received.hint:
         yield Finding("network", "mode", "red", received.hint, "correct transport.mode")
     if not received.states:
@@ -203,7 +213,9 @@ def check_clocks(received: CellStates) -> Iterator[Finding]:
 
 
 def _judged_clock(state: ClockState) -> Finding:
-    """Green to a bound of 10 ms, amber above and without a session, red when unknown in a session."""
+    """Returns the finding on an offset, by its bound: green to 10 ms (good below 1 ms), amber above. Unknown:
+    red in an open session, amber without one.
+    """
     subject = f"{state.end}, axis {state.axis}"
     if state.offset_ns is None or state.bound_ns is None:
         if state.session:
@@ -219,7 +231,9 @@ def _judged_clock(state: ClockState) -> Finding:
 
 
 def check_devices(settings: DaemonSettings, process: int | None, host: HostProbe) -> Iterator[Finding]:
-    """Probes the devices, unless their daemon runs; nothing is moved."""
+    """Probes each hardware device and yields a finding on it; nothing is moved. One finding for all: green if
+    all are simulated, amber and no probe while the daemon (`process`) runs.
+    """
     role = settings.role
     real = [device for device in configured(settings) if device.settings.hardware]
     if not real:
@@ -240,7 +254,9 @@ def check_caveats(settings: DaemonSettings) -> Iterator[Finding]:
 
 
 def _judged_device(device: ConfiguredDevice, probed: Probed) -> Finding:
-    """Green when it answers; amber for invalid readings, a warning, or a busy port; else red."""
+    """Returns the finding on a probe: green when the device answers, amber with invalid readings or a
+    warning. Amber too for a busy port; any other failure is red.
+    """
     subject, error = f"{device.name}, {device.driver.name}", probed.error or "failed"
     if probed.verdict == "ready" and probed.invalid:
         advice = f"forefeel device probe --config FILE shows what is counted at {probed.where}"
@@ -268,7 +284,10 @@ def check_force_limit(settings: DaemonSettings) -> Iterator[Finding]:
 
 
 def check_disk(folder: Path, host: HostProbe) -> Iterator[Finding]:
-    """Checks that the state folder can be written, by this user alone, and how much room there is."""
+    """Yields a finding on the state folder, and one on the free space where it is or will be. Folder: red if
+    this user can not write it or others can, amber if others may read it. Space: green from 2 GB, amber from
+    200 MB, else red.
+    """
     disk = host.disk(folder)
     if not disk.writable:
         advice = "give it to the user that runs the daemon (systemd: StateDirectory)"
@@ -287,7 +306,10 @@ def check_disk(folder: Path, host: HostProbe) -> Iterator[Finding]:
 
 
 def check_loop(loop: LoopCheck, priority: int) -> Iterator[Finding]:
-    """Checks that a 1 kHz loop is permitted to run in real time, and how late it wakes up."""
+    """Yields findings on scheduling, locked memory and lateness of the 1 kHz loop that was run. The first two
+    are amber where the host does not permit them (priority 0 asks for none); lateness and missed ticks are
+    green, amber or red.
+    """
     granted = {"scheduling": not priority or loop.scheduling.startswith("SCHED_FIFO")}
     granted["memory"] = loop.memory == "memory locked"
     for subject, text in (("scheduling", loop.scheduling), ("memory", loop.memory)):

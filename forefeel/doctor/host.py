@@ -79,7 +79,9 @@ class HostProbe:
         return holder(state)
 
     def loop(self, priority: int, seconds: float) -> LoopCheck:
-        """Runs an idle loop as a daemon would, and returns its lateness; memory stays locked."""
+        """Runs an idle 1 kHz loop for that time as a daemon would, and returns what it was granted and its
+        lateness. The memory of this process stays locked.
+        """
         memory, failures = prepare_process(), list[BaseException]()
         thread = RealtimeThread("doctor", TICK_NS, lambda _now_ns: None, MonotonicClock(), failures.append)
         thread.start(priority)
@@ -95,7 +97,9 @@ class HostProbe:
     def states(
         self, transport: TransportSettings, party: Party | None, cell: str, axes: Sequence[str]
     ) -> CellStates:
-        """Receives the states of both ends of every axis for 1.5 s; `error` where no transport opens."""
+        """Listens for 1.5 s and returns the newest clock state of each end of each axis that was heard.
+        `error` is set, and no states, where the transport can not be opened.
+        """
         newest: dict[tuple[str, str], ClockState] = {}
 
         def take(end: str, axis: str, state: SlaveState | MasterState, receive_ns: int) -> None:

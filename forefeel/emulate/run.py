@@ -41,7 +41,8 @@ class EmulatorOptions:
 
 
 def run_emulator(options: EmulatorOptions, duration_s: float | None = None) -> None:
-    """Runs one emulated device until SIGINT, SIGTERM, SIGHUP or the end of the duration.
+    """Runs one emulated device until SIGINT, SIGTERM, SIGHUP or the end of the duration; obeys stdin
+    meanwhile. The process asks for real time, and ends with its parent.
 
     Raises:
         InputError: an unknown device, a file or a place for the port that can not be used.
@@ -77,7 +78,9 @@ class Living(Protocol):
 def _emulated(
     driver: InstalledDriver, options: EmulatorOptions, leave: ExitStack
 ) -> tuple[Living, Load | None]:
-    """Builds and announces the emulator; returns it with its load, None but for a load cell."""
+    """Builds the emulator of that driver and prints where it is; returns (emulator, load). The load can be
+    changed while it runs; None but for a load cell.
+    """
     emulation: Emulation = imported(str(driver.driver.emulator))
     settings, world = section(driver, emulation, options)
     around = Surroundings(world, options.feel, options.seed)
@@ -97,7 +100,9 @@ def _emulated(
 
 
 def _hub(options: EmulatorOptions, leave: ExitStack) -> Living:
-    """Builds and announces a CAN hub, which is closed at the end."""
+    """Builds a CAN hub on the links in `options.port` and prints where it is; it is closed with `leave`.
+    ConfigurationError: no port.
+    """
     if options.port is None:
         raise ConfigurationError("emulate can_hub: expected --port LINK,LINK")
     hub = CanHub([Path(link) for link in options.port.split(",")])
@@ -109,7 +114,8 @@ def _hub(options: EmulatorOptions, leave: ExitStack) -> Living:
 def section(
     driver: InstalledDriver, emulation: Emulation, options: EmulatorOptions
 ) -> tuple[Any, WorldSettings]:
-    """The settings of this device's driver, from the file or the port, and the world around it.
+    """Returns (settings of this device's driver, world around it), from the file, or by the port alone. With
+    both, the port replaces that of the file. Without a simulation in the file, the world is `catheter`.
 
     Raises:
         ConfigurationError: no such axis, or another driver stands there; without a file no port.
@@ -140,8 +146,8 @@ def section(
 
 
 def obey(line: str, living: Living, load: Load | None) -> None:
-    """Obeys `load 1.5` where there is a load cell, and the name of a fault of the device. ConfigurationError:
-    another line; nothing has changed.
+    """Obeys one line: the name of a fault begins it, `load 1.5` sets the force in N of a load cell. An empty
+    line does nothing. ConfigurationError: any other; nothing has changed.
     """
     match line.split():
         case []:
@@ -156,7 +162,9 @@ def obey(line: str, living: Living, load: Load | None) -> None:
 
 
 def obey_stdin(living: Living, load: Load | None) -> None:
-    """Obeys the lines that have come on stdin, which need not be open; a wrong one is answered on stderr."""
+    """Obeys the lines that have come on stdin, without waiting; a wrong one is answered on stderr. Nothing
+    where stdin is closed or can not be read.
+    """
     try:
         ready = sys.stdin is not None and select.select([sys.stdin], [], [], 0.0)[0]
         lines = os.read(sys.stdin.fileno(), 4096).decode("utf-8", "replace") if ready else ""

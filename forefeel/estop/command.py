@@ -81,7 +81,8 @@ def estop(  # noqa: PLR0913 - one parameter per option
     through_router: bool,
     insecure: bool,
 ) -> None:
-    """Stops a cell by its daemon on this host, else over the network.
+    """Stops a cell by its daemon on this host, else over the network, and prints the outcome. The network is
+    used without `config`, or when no daemon of that file answers and stops.
 
     Raises:
         InputError: an option or a file is wrong, and no daemon beside us has stopped the cell.
@@ -111,7 +112,8 @@ def estop(  # noqa: PLR0913 - one parameter per option
 
 
 def state_folder(config: Path) -> Path | None:
-    """State folder of the daemon of that file, from three values; None: it has others, or is no daemon's.
+    """Returns the state folder of the daemon of that file, by its role, cell and `state.directory` alone.
+    None where these are not those of a slave or master.
 
     Whatever else is wrong with the file keeps nobody from stopping.
 
@@ -128,7 +130,8 @@ def state_folder(config: Path) -> Path | None:
 
 
 def _stop_here(config: Path, reason: str) -> bool:
-    """Stops the cell by the daemon of that file on this host, and says so; False: the file is of no daemon.
+    """Stops the cell by the daemon of that file on this host and prints its answer; True when it is stopped.
+    False, and nothing is sent, where the file is of no daemon.
 
     Raises:
         ConfigurationError: it is no YAML file of settings.
@@ -148,10 +151,10 @@ def _stop_here(config: Path, reason: str) -> bool:
 
 
 def _confirm(states: dict[str, str], done: bool, whom: str) -> None:
-    """Prints the outcome of a stop over the network.
+    """Prints the state of each axis after a stop over the network, and if `done` that the cell is stopped.
 
     Raises:
-        RunError: it is not confirmed.
+        RunError: it is not confirmed (`done` is false); `whom`: cell and endpoints, for the text.
     """
     axes = [f"axis {axis}: {state}" for axis, state in states.items()]
     _tell(*axes, *[_stopped_text()] * done)
@@ -175,7 +178,7 @@ def _since_start_s() -> float:
 
 
 def _tell(*lines: str) -> None:
-    """Prints on stdout; on stderr where that is full or closed, for the cell is stopped all the same."""
+    """Prints the lines on stdout; where that is full or closed on stderr, also for all later output."""
     text = "\n".join(map(printable, lines))
     try:
         print(text, flush=True)

@@ -63,7 +63,9 @@ class Stopper:
             self.transport.subscribe_all(SLAVE_STATE.key(self.cell, "*"), self.hear)
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        """Stores the state of an axis; sets `news` where it is another than before."""
+        """Stores the state of an axis as text, and sets `news` where it differs from the one before. Ignores
+        other topics and what can not be decoded.
+        """
         del receive_ns
         parsed = parse_key(key)
         if parsed is None or parsed[2] is not SLAVE_STATE:
@@ -78,7 +80,7 @@ class Stopper:
             self.news.set()
 
     def say(self, now_ns: int) -> None:
-        """Publishes the stop once to each axis."""
+        """Publishes the stop once to each named axis, or to each that was heard where none is named."""
         for axis in self.axes or tuple(self.states):
             if axis not in self._publishers:
                 bus = Bus(self.transport, self.cell, axis, MonotonicClock())
@@ -103,9 +105,10 @@ class StopSender(NamedTuple):
 
 
 def stop_over_network(sender: StopSender, axes: tuple[str, ...], reason: str) -> dict[str, str]:
-    """Publishes the stop every 20 ms, and at each news, until every axis confirms it, or 2 s have gone.
+    """Publishes the stop every 20 ms, and at each change of a state, until all axes confirm it or 2 s have
+    gone.
 
-    Returns the newest state of each axis.
+    Returns the newest state of each axis as text, also when it is not confirmed (`all_stopped`).
 
     Raises:
         InputError: an endpoint, a certificate or a name can not be used.
@@ -134,7 +137,8 @@ def stop_over_network(sender: StopSender, axes: tuple[str, ...], reason: str) ->
 
 
 def sender_of(config: Path, insecure: bool) -> StopSender:
-    """Sender by the settings file of a slave, a master or a viewer.
+    """Makes the sender of a stop by the settings file of a slave, a master or a viewer. For a daemon it has
+    the names of the axes and connects to all endpoints; for a viewer it has no axes.
 
     Raises:
         ConfigurationError: it is of nobody who may stop a cell, or wrong.

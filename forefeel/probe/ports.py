@@ -49,7 +49,9 @@ class CanInterface:
 
 
 def serial_ports(by_id: Path = _BY_ID) -> list[SerialPort]:
-    """Every serial port of this host, by its device file, with its stable name where it has one."""
+    """Lists the serial ports of this host by device file, with stable name, USB data and advice; opens none.
+    `by_id`: the folder of the stable names.
+    """
     links = sorted(by_id.iterdir(), reverse=True) if by_id.is_dir() else []
     names = {os.path.realpath(link): str(link) for link in links}  # the first of each device
     ports = []
@@ -71,7 +73,9 @@ def serial_ports(by_id: Path = _BY_ID) -> list[SerialPort]:
 
 
 def can_interfaces(net: Path = _NET) -> list[CanInterface]:
-    """Every SocketCAN interface. (python-can's own search also tries each adapter's library: seconds.)"""
+    """Lists the SocketCAN interfaces of this host, whether each is up, and how to bring it up if not.
+    (python-can's own search also tries each adapter's library: seconds.) `net`: the folder of sysfs.
+    """
     interfaces = []
     for folder in sorted(net.iterdir()) if net.is_dir() else ():
         if _read(folder / "type") != _CAN:
@@ -98,7 +102,7 @@ def run_devices() -> None:
 
 
 def _in_words(serial: list[SerialPort], can: list[CanInterface]) -> Iterator[RenderableType]:
-    """The page for the terminal: drivers, ports with advice, CAN interfaces."""
+    """Yields what the terminal shows: a table of drivers, one of ports with advice, and CAN interfaces."""
     yield _drivers()
     yield _ports(serial) if serial else "No serial port."
     for port in serial:
@@ -111,7 +115,7 @@ def _in_words(serial: list[SerialPort], can: list[CanInterface]) -> Iterator[Ren
 
 
 def _document(serial: list[SerialPort], can: list[CanInterface]) -> dict[str, object]:
-    """The document for `--json`: drivers, serial ports, CAN interfaces."""
+    """Returns what `--json` prints: installed drivers, serial ports, CAN interfaces."""
     drivers = [
         {
             "slot": driver.slot,

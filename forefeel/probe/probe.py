@@ -59,7 +59,9 @@ class Probed:
 
 
 def probe(device: ConfiguredDevice, seconds: float, clock: SleepingClock) -> Probed:
-    """Opens a device, reads it at 1 kHz for that time and closes it; never raises for a device's fault."""
+    """Opens a device, reads it at 1 kHz for that time and closes it; returns what was measured. A simulated
+    device is not opened. A fault is returned, not raised: `refused` for an InputError, else `failed`.
+    """
     result = Probed(device.axis, device.driver.slot, device.driver.name, device.where, "simulated")
     if not device.settings.hardware:
         return result
@@ -93,7 +95,10 @@ def probe(device: ConfiguredDevice, seconds: float, clock: SleepingClock) -> Pro
 
 
 def _measure(driver: Any, is_load_cell: bool, span_ns: int, clock: SleepingClock) -> dict[str, Any]:  # noqa: ANN401
-    """Reads at 1 kHz for that time; fields of `Probed`. Raises as the driver; DeviceError: no reading."""
+    """Reads an open device at 1 kHz for that time; returns rate, round trip, age, filter lag and invalid
+    readings as fields of `Probed`. `driver`: of a stage, handle or load cell. DeviceError: a fault, or no
+    reading.
+    """
     link: DeviceLink = driver.link  # a driver may begin a new one when it is opened
     link.round_trips_ns.drain()
     if is_load_cell:
@@ -129,9 +134,11 @@ def _measure(driver: Any, is_load_cell: bool, span_ns: int, clock: SleepingClock
 
 
 def filter_lag_s(stamps_ns: list[int], forces_n: list[float]) -> float | None:
-    """Time constant of a first-order filter whose answer to a step has this swing over its steepest slope.
+    """Estimates the time constant in s of the cell's filter, if the force was let go: swing over steepest
+    slope.
 
-    Of a force that nobody let go it says nothing: None. What is let go slowly makes it larger, never smaller.
+    None with fewer than 20 readings, or where the force swings too little for that. What is let go slowly
+    makes it larger, never smaller.
     """
     changes_n = np.abs(np.diff(forces_n))
     if len(forces_n) < _LEAST_READINGS or not changes_n.any():
@@ -154,7 +161,8 @@ _STYLES = {"ready": "green", "simulated": "dim", "refused": "red", "failed": "re
 
 
 def run_probe(config: Path, seconds: float) -> None:
-    """Probes one device after the other and prints each result.
+    """Probes the devices of a settings file one after the other, prints each result, and raises for the
+    worst.
 
     Raises:
         InputError: the file, or a device that is not the one that it names.
@@ -176,7 +184,9 @@ def _in_words(probed: Probed) -> Text:
 
 
 def _facts(probed: Probed) -> Iterator[str]:
-    """Yields the facts after the verdict; the reason of a refusal comes at the end, on stderr."""
+    """Yields the texts after the verdict: first an empty one, then identity, rate, times, link and counters.
+    Nothing for a simulated device; the reason of a refusal comes at the end, on stderr.
+    """
     if probed.verdict == "simulated":
         return
     yield ""

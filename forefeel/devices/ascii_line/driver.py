@@ -27,7 +27,9 @@ class AsciiLineLoadCell(SerialLoadCell[AsciiLineSettings]):
         return AsciiCell(self._settings, self.link.counters)
 
     def _scale(self, calibration: LoadCellCalibration | None) -> ForceScale:
-        """Scale by unit and calibration; DeviceSetupError: counts without a calibration."""
+        """Makes the force scale of the cell's unit, or of the calibration if there is one. DeviceSetupError:
+        counts without a calibration, unless opened for native readings.
+        """
         s = self._settings
         if s.unit == "counts" and calibration is None and not self._native:
             raise DeviceSetupError(
@@ -79,7 +81,10 @@ class AsciiCell(Cell):
     # --- asking ---
 
     def due(self, now_ns: int) -> bytes:
-        """Returns a carriage return first, then the request once a period, after two without an answer."""
+        """Returns the request once a period, empty bytes in between, and always if the cell streams by
+        itself. The first call returns a carriage return, and the requests begin 0.1 s later. After one
+        without an answer it waits two periods, at least 40 ms, and counts it as `unanswered`.
+        """
         if not self._request:
             return b""
         if self._quiet_ns is None:
@@ -102,7 +107,9 @@ class AsciiCell(Cell):
     # --- hearing ---
 
     def take(self, data: bytes, now_ns: int) -> list[Native]:
-        """Measurements of the complete lines; before the first request a stream is dropped."""
+        """Returns the measurements of the lines that are complete now, oldest first, lines at once a period
+        apart. Empty before the first request: what still streams is dropped.
+        """
         if self._request and self._asked_ns is None:
             return []  # a stream that has not ended yet
         lines = self._parser.feed(data)
@@ -114,7 +121,10 @@ class AsciiCell(Cell):
         ]
 
     def _native(self, line: AsciiReading, arrived_ns: int, now_ns: int) -> Native:
-        """Stamps a line when it began to arrive; lines that came at once are a period apart."""
+        """Returns the measurement of a line, stamped when it began to arrive: `arrived_ns` less its time on
+        the wire. Stamps increase up to `now_ns`, which is noted for the rate; counts at an end of the range
+        are `overrange`.
+        """
         self._arrived.append(now_ns)
         stamp_ns = arrived_ns - round(line.size * self._byte_ns)
         if self._stamp_ns is not None:

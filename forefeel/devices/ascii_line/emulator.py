@@ -25,7 +25,7 @@ class EmulatedLineCell:
         self._force_n = 0.0
 
     def receive(self, data: bytes, t_s: float) -> None:
-        """Obeys the commands that a carriage return ends."""
+        """Advances the cell to `t_s`, then answers each command that a carriage return ends."""
         self._live(t_s)
         for byte in data:
             if byte == 0x0D:
@@ -58,7 +58,7 @@ class EmulatedLineCell:
             self._out += self._line()
 
     def _line(self) -> bytes:
-        """The newest force as a line; an end of the range for saturated counts."""
+        """Returns the newest force as a line in the cell's unit; an end of the range for saturated counts."""
         if self._unit != "counts":
             return encode_line(self._force_n / NEWTON_PER_UNIT[self._unit], self._unit)
         low, high = COUNTS_RANGE

@@ -52,7 +52,9 @@ class LineParser:
         self._skipping = False
 
     def feed(self, data: bytes) -> list[AsciiReading]:
-        """The numbers of the lines that are complete now, oldest first; never raises."""
+        """Returns the numbers of the lines that are complete now, oldest first; other lines are counted and
+        dropped. Never raises.
+        """
         self._buffer += data
         *lines, rest = _ENDS.split(self._buffer)
         readings = [
@@ -67,7 +69,9 @@ class LineParser:
         return readings
 
     def _number(self, line: bytes) -> float | None:
-        """Parses a line and counts it; None for one that is cut, too long, or no number."""
+        """Returns the number in a line, and counts the line; None for one that is cut, too long, or no
+        number. None for an empty line too, which is not counted.
+        """
         skipping, self._skipping = self._skipping, False
         if not line and not skipping:
             return None

@@ -53,7 +53,10 @@ class BotaCell(Cell):
         return 1e6 / step_us if step_us else inf
 
     def take(self, data: bytes, now_ns: int) -> list[Native]:
-        """Measurements of the complete frames, stamped by the cell's clock; DeviceError: it was reset."""
+        """Returns the measurements of the frames that are complete now, oldest first, stamped by the cell's
+        clock. Notes the steps of that clock for the rate. DeviceError: the clock jumped, so the cell was
+        reset.
+        """
         frames = self._parser.feed(data)
         if not frames:
             return []

@@ -28,7 +28,7 @@ _FLAGS = sum(STATUS_BITS)
 
 
 def _crc_table() -> tuple[int, ...]:
-    """CRC of each byte."""
+    """Computes the table of CRC-16/X-25: the register after each of the 256 bytes."""
     rows = []
     for byte in range(256):
         value = byte
@@ -97,7 +97,9 @@ class BotaParser:
         self._lost = False
 
     def feed(self, data: bytes) -> list[BotaFrame]:
-        """The frames that are complete now, oldest first; never raises."""
+        """Returns the frames that are complete now, oldest first; anything else is counted and dropped. Never
+        raises.
+        """
         buffer, at = self._buffer, 0
         buffer += data
         frames: list[BotaFrame] = []

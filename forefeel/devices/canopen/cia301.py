@@ -79,7 +79,9 @@ class Pdo(NamedTuple):
         return sum(entry.size for entry in self.entries)
 
     def parameters(self) -> list[tuple[ObjectEntry, int]]:
-        """The entries to write, in this order: off, transmission type, mapping, on."""
+        """Returns the (entry, value) pairs that set the PDO up, in the order in which to write them. The
+        order is: PDO off, transmission type, mapping cleared, mapped entries, their number, PDO on.
+        """
         communication, mapping = pdo_objects(self.transmit, self.number)
         can_id = self.can_id | (_NO_REMOTE if self.transmit else 0)
         return [

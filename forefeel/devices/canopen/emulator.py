@@ -29,7 +29,9 @@ Contents = Mapping[ObjectEntry, float]
 
 
 def object_dictionary(contents: Contents) -> canopen.ObjectDictionary:
-    """Builds canopen's dictionary of entries and start values; its clients can be given it, too."""
+    """Builds canopen's object dictionary of these entries, their values as defaults. An index with
+    sub-entries becomes a record. A client of the device can be given the dictionary, too.
+    """
     dictionary = canopen.ObjectDictionary()
     for entry, value in contents.items():
         variable = canopen.objectdictionary.ODVariable(f"x{entry}", entry.index, entry.sub)
@@ -47,7 +49,9 @@ def object_dictionary(contents: Contents) -> canopen.ObjectDictionary:
 
 
 def common_contents(node: int, profile: int, serial: int) -> dict[ObjectEntry, float]:
-    """Objects of every device: identity, heartbeat, four PDOs each way, off, of predefined identifiers."""
+    """Returns the objects of every device with their start values: identity, heartbeat, four PDOs each way.
+    The PDOs are off and have their predefined identifiers.
+    """
     objects: dict[ObjectEntry, float] = {
         cia301.DEVICE_TYPE: 0x0002_0000 | profile,
         cia301.ERROR_REGISTER: 0,
@@ -153,7 +157,9 @@ class CanopenDevice:
             self.left_operational()
 
     def step(self, wait_s: float = 0.001) -> None:
-        """Waits for a frame, takes all that have arrived, advances to now, and sends a due heartbeat."""
+        """Waits for a frame, handles all that have arrived (at most 200), advances to now, sends a due
+        heartbeat. While unplugged, frames are dropped.
+        """
         message = self._bus.recv(wait_s)
         left = _MOST_FRAMES
         while message is not None:
@@ -183,7 +189,9 @@ class CanopenDevice:
         self._node.nmt.state = "PRE-OPERATIONAL"
 
     def _on_nmt(self, can_id: int, data: bytearray, stamp: float) -> None:
-        """Boots after a reset; calls `left_operational` when the device is not OPERATIONAL now."""
+        """Handles an NMT command to this node or all, after canopen did: boots after a reset. Calls
+        `left_operational` when the device is not OPERATIONAL now, even if it was not before.
+        """
         del can_id, stamp
         if len(data) != 2 or data[1] not in (0, self.node_id):
             return
@@ -195,7 +203,9 @@ class CanopenDevice:
     # --- objects ---
 
     def _on_write(self, index: int, subindex: int, od: object, data: bytes) -> None:
-        """Drops the table of PDOs, or takes over the period of the heartbeat; calls `written`."""
+        """Handles an object that was written: a parameter of a PDO drops the cached table, 1017 sets the
+        heartbeat. Calls `written` for every object.
+        """
         del od
         if 0x1400 <= index < 0x1C00:
             self._pdos = None
@@ -214,7 +224,9 @@ class CanopenDevice:
     # --- PDOs ---
 
     def _table(self) -> list[tuple[bool, int, int, tuple[tuple[int, int], ...]]]:
-        """(transmit, identifier, transmission type, mapped) of every PDO that is on."""
+        """Returns (sent by the device, identifier, transmission type, mapped objects) of every PDO that is
+        on. It is cached until a parameter of a PDO is written.
+        """
         if self._pdos is not None:
             return self._pdos
         self._pdos = []
@@ -235,7 +247,9 @@ class CanopenDevice:
         return tuple((word >> 8, (word & 0xFF) // 8) for word in words)
 
     def take(self, can_id: int, data: bytes, t_s: float) -> None:
-        """Takes SYNC or an RPDO while OPERATIONAL; a synchronous RPDO waits for SYNC."""
+        """Handles SYNC, or an RPDO: one of a synchronous type is kept for the next SYNC, others are applied
+        at once. Ignores any other frame, and everything unless OPERATIONAL.
+        """
         if not self.operational:
             return
         if can_id == cia301.SYNC:
@@ -249,7 +263,7 @@ class CanopenDevice:
                     self._apply(mapped, data)
 
     def _sync(self, t_s: float) -> None:
-        """Applies the RPDOs that wait, calls `synchronised`, and sends the TPDOs of this SYNC."""
+        """Applies the RPDOs that wait, calls `synchronised`, and sends the TPDOs due at this SYNC."""
         self._syncs += 1
         for transmit, at, _, mapped in self._table():
             if not transmit and at in self._rpdos:
@@ -261,7 +275,7 @@ class CanopenDevice:
                 self._network.send_message(at, b"".join(parts))
 
     def _apply(self, mapped: tuple[tuple[int, int], ...], data: bytes) -> None:
-        """Writes the mapped objects of an RPDO; ignores one that is too short."""
+        """Writes the data of an RPDO to its mapped objects; ignores one that is too short."""
         if len(data) < sum(size for _, size in mapped):
             return
         start = 0

@@ -31,7 +31,9 @@ class SlcanAdapter:
         self.open = False
 
     def receive(self, data: bytes) -> tuple[list[bytes], bytes]:
-        """Takes bytes of the host; (frames for the bus, answers for the host)."""
+        """Takes bytes of the host; returns (frames for the bus, answers for the host). A frame while open, or
+        a command, is answered with a carriage return, any other line with a bell.
+        """
         frames, answers = [], bytearray()
         for line in self._lines.feed(data):
             if self.open and line == frame_of(line):
@@ -69,7 +71,7 @@ class CanHub:
         self._on_wire = deque[tuple[float, int, bytes]]()  # (when it is complete, sender, frame)
 
     def provoke(self, fault: str) -> None:
-        """Unplugs or plugs the first adapter."""
+        """Unplugs the first adapter, which closes its channel, or plugs it in again."""
         port = self._ports[0]
         if fault == "unplug":
             port.pty.unplug()
@@ -78,7 +80,9 @@ class CanHub:
             port.pty.plug()
 
     def step(self) -> None:
-        """Waits up to 2 ms, takes what the hosts wrote, and delivers the frames that have passed the bus."""
+        """Waits up to 2 ms, takes what the hosts wrote, and delivers each frame that has passed the bus. A
+        frame goes to all open adapters but its sender.
+        """
         ready = {port.pty.fileno() for port in self._ports if port.pty.fileno() >= 0}
         ready = set(select.select(list(ready), [], [], self._wait_s())[0])
         for i, port in enumerate(self._ports):

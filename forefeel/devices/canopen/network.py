@@ -48,7 +48,7 @@ class SharedNetwork:
         self._thread.start()
 
     def send(self, can_id: int, data: bytes) -> None:
-        """Sends one frame; DeviceError: the bus failed."""
+        """Sends one frame. DeviceError: the bus failed, now or before; it stays failed."""
         self.check()
         try:
             self.network.send_message(can_id, data)
@@ -91,7 +91,9 @@ class SharedNetwork:
         self._reported[link] = counts
 
     def close(self) -> None:
-        """Ends the receiving thread, which takes 50 ms, and closes the bus."""
+        """Ends the receiving thread, which takes up to 50 ms, and closes the bus. An error of closing is kept
+        in `failed`.
+        """
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join(5.0)
@@ -105,7 +107,10 @@ class SharedNetwork:
             pass
 
     def receive(self, timeout_s: float) -> bool:
-        """Delivers a frame, if one comes within that time; false when the bus has failed."""
+        """Waits for a frame and passes it to its subscribers; False when receiving failed, True even if none
+        came. Remote frames are dropped, error frames and exceptions of subscribers counted; bus off sets
+        `failed`.
+        """
         try:
             message = self._bus.recv(timeout_s)
         except (can.CanError, OSError, ValueError) as error:
@@ -153,7 +158,7 @@ def acquire(settings: CanSettings) -> SharedNetwork:
 
 
 def release(shared: SharedNetwork) -> None:
-    """Ends one use of the network; the last one closes the bus."""
+    """Ends one use of the network; the last one closes the bus, and the next `acquire` opens it anew."""
     with _lock:
         shared.users -= 1
         if shared.users:

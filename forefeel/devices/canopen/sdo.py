@@ -30,7 +30,9 @@ _TRIES = 3  # attempts at an object before the device counts as silent
 def talking_to(
     settings: CanSettings, node: int, link: DeviceLink
 ) -> Iterator[tuple[SharedNetwork, "RemoteDevice"]]:
-    """Acquires the bus and a device on it for the length of a block; the link is OPEN."""
+    """Yields (network, device) on the bus for the length of a block; the link is OPEN. At the end the device
+    is forgotten, the bus counters are added to the link, and the bus is released.
+    """
     shared = acquire(settings)
     try:
         link.advance(LinkState.OPEN)
@@ -64,8 +66,8 @@ class RemoteDevice:
         del self._shared.network[self.node]
 
     def identify(self, expected: int) -> None:
-        """Reads identity and serial number (0: not told) into the link, in PRE-OPERATIONAL; IDENTIFIED.
-        DeviceSetupError: nobody answers, or it is a device of another profile than `expected`.
+        """Puts the device in PRE-OPERATIONAL, reads identity and serial number into the link: IDENTIFIED. A
+        number that the device refuses is 0. DeviceSetupError: no answer, or a profile other than `expected`.
         """
         self.order(ENTER_PREOPERATIONAL)
         try:
@@ -86,8 +88,8 @@ class RemoteDevice:
         self._shared.send(NMT, bytes([command, self.node]))
 
     def read(self, entry: ObjectEntry, otherwise: float | None = None) -> float:
-        """Value of an entry; `otherwise`, where it is given, when the device refuses. DeviceError: no answer,
-        refused, or too short.
+        """Reads the value of an entry; returns `otherwise`, where it is given, when the device refuses.
+        DeviceError: no answer, refused, or too few bytes.
         """
         try:
             return entry.unpack(self._try("reading", entry, None))
@@ -99,8 +101,8 @@ class RemoteDevice:
             return otherwise
 
     def write(self, entry: ObjectEntry, value: float) -> None:
-        """Writes an entry, and reads it back. DeviceError: no answer, or refused. DeviceSetupError: the
-        device took another value.
+        """Writes an entry, and reads it back. DeviceError: no answer, or refused. DeviceSetupError: the value
+        does not fit into the entry, or the device took another one.
         """
         try:
             self._try("writing", entry, entry.pack(value))
@@ -123,7 +125,9 @@ class RemoteDevice:
         return True
 
     def _try(self, what: str, entry: ObjectEntry, data: bytes | None) -> bytes:
-        """Uploads an entry, or downloads `data`. `_SilentError`: no answer thrice; `_RefusedError`: abort."""
+        """Returns the bytes of an entry, or writes `data` to it and returns none; three attempts.
+        `_SilentError`: no answer to any of them; `_RefusedError`: abort; DeviceError: the bus failed.
+        """
         for left in reversed(range(_TRIES)):
             self._shared.check()
             self._shared.update_counters(self._link)  # a handshake over a bad wire takes its time, too

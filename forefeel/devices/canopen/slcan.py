@@ -54,7 +54,9 @@ class Lines:
         self._skipping = False
 
     def feed(self, data: bytes) -> list[bytes]:
-        """The lines that are complete now, in order, none of them empty."""
+        """Returns the lines that are complete now, in order, none of them empty; a bell ends a line, too. A
+        line that grows beyond 64 bytes is dropped and counted.
+        """
         self.counts["bells"] += data.count(BELL)
         *complete, self._rest = (self._rest + data).replace(BELL, OK).split(OK)
         if complete and self._skipping:
@@ -108,7 +110,9 @@ class SlcanBus(slcanBus):
         self.set_bitrate(bitrate)
 
     def _read(self, timeout: float | None) -> str | None:
-        """The oldest frame that was read; None when none comes in time. Counts damaged lines."""
+        """Returns the oldest frame that was read, as a line of slcan; None when none comes in time. Counts
+        damaged lines.
+        """
         if not self._frames:
             self.serialPortOrig.timeout_s = timeout
             with error_check():

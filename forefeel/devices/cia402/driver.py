@@ -62,8 +62,9 @@ class Tracker:
         self._last: Readback | None = None
 
     def take(self, host_ns: int, statusword: int, position_m: float) -> Readback | None:
-        """Readback of a TPDO, its velocity from the last one. None, and nothing changes, where it is further
-        from that than twice the maximum velocity and the following error allow.
+        """Returns the readback of a TPDO, with the mean velocity since the last one (0 for the first). None,
+        and nothing changes, where it is further from the last position than twice the maximum velocity and
+        the following error allow.
         """
         velocity_m_s = 0.0
         if self._last is not None:
@@ -103,9 +104,9 @@ class DriveCycle:
     def step(
         self, readback: Readback | None, beat: bool, emergency: int | None, wanted: Wanted | None, now_ns: int
     ) -> int:
-        """Returns the controlword; moves `setpoint`, whose position is the target beside it: after `wanted`
-        while the drive follows, else to where the drive is. `readback`, `beat`, `emergency`: received since
-        the last cycle; `wanted`: None to hold.
+        """Returns the controlword of this cycle, and moves `setpoint`, whose position is the target to send
+        with it. The setpoint follows `wanted` (None: comes to rest) while the drive follows, else is set to
+        where the drive is. `readback`, `beat`, `emergency`: received since the last cycle.
 
         Raises:
             DeviceError: a fault of the drive or of the way to it.
@@ -126,7 +127,9 @@ class DriveCycle:
         return self.machine.step(self._statusword) if self._answered else QUICK_STOP
 
     def _check(self, readback: Readback | None, beat: bool, emergency: int | None) -> None:
-        """Stores the statusword; DeviceError for an emergency unless passive, for silence or no heartbeat."""
+        """Stores the statusword, and counts cycles without TPDO and without heartbeat. DeviceError: an
+        emergency unless passive, or either stays away for too long.
+        """
         self._no_beat = 0 if beat else self._no_beat + 1
         self._silent = 0 if readback else self._silent + 1
         if readback is not None:
@@ -162,7 +165,8 @@ def state_pdo(node: int) -> Pdo:
 
 
 def configure(device: RemoteDevice, settings: Cia402Settings, scale: PositionScale) -> float:
-    """Configures the drive for cyclic synchronous position, starts it, and returns its position in m.
+    """Configures the drive for cyclic synchronous position, starts its PDOs, and returns its position in m.
+    Writes PDOs, timing, software limits, reactions to faults, and mode; the drive is not enabled yet.
 
     Raises:
         DeviceError: no answer, or an object that is needed is refused.
@@ -184,7 +188,7 @@ def configure(device: RemoteDevice, settings: Cia402Settings, scale: PositionSca
 
 def require_homing(device: RemoteDevice, settings: Cia402Settings) -> None:
     """Writes and reads back method, speeds and acceleration of homing; nothing moves. DeviceSetupError: no
-    mode of homing, a fault, or a value that is refused.
+    mode of homing, a drive in a fault, or a value that is refused.
     """
     homing, per_m = settings.homing, settings.counts_per_m
     if not int(device.read(cia402.SUPPORTED_MODES)) & cia402.HOMING_SUPPORTED:
@@ -226,7 +230,7 @@ def _map_pdos(device: RemoteDevice, settings: Cia402Settings) -> None:
 
 
 def _set_timing(device: RemoteDevice, settings: Cia402Settings) -> None:
-    """Writes the period of SYNC and both heartbeats."""
+    """Writes the period of SYNC, the drive's heartbeat, and for how long it waits for ours: three periods."""
     period = cia402.interpolation_period(settings.sync_hz)
     assert period is not None, "the settings refuse it"
     device.write(cia402.PERIOD_EXPONENT, period[1])
@@ -334,7 +338,9 @@ class DriveWire:
         return received
 
     def _on_state(self, can_id: int, data: bytearray, stamp: float) -> None:
-        """Stores the readback of a TPDO; counts frames of a wrong length and implausible ones."""
+        """Stores the readback of a TPDO for `take`; a frame of a wrong length or an implausible one is only
+        counted.
+        """
         del can_id, stamp
         values = self._state.unpack(data)
         counters, now_ns = self._link.counters, self._clock.now_ns()
@@ -359,7 +365,9 @@ class DriveWire:
         self._emergency = emergency(data) or self._emergency
 
     def send(self, word: int, target: int) -> None:
-        """Sends the PDO, SYNC if it is ours, and our heartbeat when due; DeviceError: the bus failed."""
+        """Sends the PDO, then SYNC if it is ours to send, and our heartbeat when due; `target`: in counts.
+        Updates the bus counters of the link. DeviceError: the bus failed.
+        """
         self._target, now_ns = target, self._clock.now_ns()
         self._shared.send(self._command.can_id, self._command.pack(word, target))
         if self._shared.sends_sync(self, _RANK):
@@ -454,7 +462,9 @@ class Cia402Stage:
             yield from self._talk(conversation, shared, device)
 
     def _talk(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> Steps:
-        """Identifies and configures the drive, then exchanges until the conversation ends."""
+        """Identifies and configures the drive (CONFIGURED), runs its cycles until the conversation ends, and
+        sends a quick stop. Loads `calibration` where the settings name one, unless a scale was given.
+        """
         device.identify(cia402.PROFILE)
         scale = self._scale
         if scale is None:
@@ -475,8 +485,8 @@ class Cia402Stage:
     def _cycles(
         self, conversation: Conversation, wire: DriveWire, scale: PositionScale, actual_m: float
     ) -> Steps:
-        """Supervises and commands the drive at absolute deadlines until the conversation ends, at rest;
-        raises DeviceError for a fault.
+        """Runs a cycle at each deadline: takes what was received, commands the drive, counts silent and late
+        ones. When the conversation is stopping it goes on until the drive is at rest. DeviceError: a fault.
         """
         settings, link, clock, setpoint = self._settings, self.link, self._clock, self._new_setpoint()
         setpoint.restart(actual_m)
@@ -499,7 +509,9 @@ class Cia402Stage:
             pacer.missed = 0
 
     def _enable(self, cycle: DriveCycle, first: bool) -> None:
-        """Enables a new drive after some answers, resets a fault after `rearm`; READY once it follows."""
+        """Enables a new drive after some answers, resets a fault after `rearm`, keeps an inhibited drive
+        passive. The link becomes READY once a new drive follows. `first`: no fault before.
+        """
         link, machine = self.link, cycle.machine
         rearm, self._rearm = self._rearm, False
         if link.inhibited is not None:

@@ -110,7 +110,9 @@ class DriveHoming:
         self.reference_m, self.velocity_m_s = position_m, 0.0
 
     def start(self, position_m: float) -> float | None:
-        """Begins homing, or fails without speeds; the reference where the method moves nothing, else None."""
+        """Begins the search for the switch, or fails if method, speeds or acceleration are not set; returns
+        None. Where the method moves nothing, homing is attained at once: returns the reference, `position_m`.
+        """
         if self._objects[cia402.HOMING_METHOD] in HERE:
             self.phase = HomingPhase.ATTAINED
             return position_m
@@ -125,7 +127,10 @@ class DriveHoming:
             self.phase = HomingPhase.IDLE
 
     def step(self, position_m: float, velocity_m_s: float) -> float | None:
-        """Moves `reference_m` on by one step; the edge of the switch in m when it is left, else None."""
+        """Moves `reference_m` on by one step, and homing on from search to leaving the switch to rest.
+        Returns the reference in m at the step that leaves the switch, else None. Fails at an end without
+        switch.
+        """
         reference_m, wanted_m_s = None, 0.0
         way = -1 if self._objects[cia402.HOMING_METHOD] == NEGATIVE_SWITCH else 1
         low_m, high_m = self.switches_m
@@ -216,6 +221,7 @@ class DriveModel:
 
     @property
     def statusword(self) -> int:
+        """Statusword of the state, with the bits of the mode: target followed, or the status of homing."""
         word = PATTERNS[self.state][1] | _VOLTAGE | _REMOTE
         if self.state is DriveState.DISABLED:
             word |= _QUICK_STOP_OFF
@@ -228,7 +234,10 @@ class DriveModel:
     # --- what it is told ---
 
     def control(self, word: int) -> None:
-        """Takes a controlword: resets a fault, changes the state, starts or interrupts homing."""
+        """Takes a controlword and changes the state by it; in the mode of homing it starts or interrupts
+        homing. In a fault only the rising edge of bit 7 counts: it resets the fault, unless the drive is
+        broken.
+        """
         rising = word & ~self._control
         self._control = word
         if self.state is DriveState.FAULT:
@@ -254,7 +263,9 @@ class DriveModel:
         self._target = counts
 
     def sync(self, t_s: float) -> None:
-        """Makes the target valid, within the software limits, and interpolates to it over one period."""
+        """Begins to interpolate to the newest target, clamped to the software limits, over one period from
+        `t_s`. Outside of the cyclic mode the target stays as it is.
+        """
         objects = self.objects
         self._from_m = self._reference_m(t_s)[0]
         if self._target is not None and self.mode == cia402.CSP:
@@ -264,7 +275,9 @@ class DriveModel:
         self._synced_s = t_s
 
     def lose_host(self) -> None:
-        """While enabled: quick stop if object 6007 says so, else a fault; nothing in other states."""
+        """Puts an enabled drive in quick stop if object 6007 says so, else in a fault; nothing in other
+        states.
+        """
         if self.state is not DriveState.ENABLED:
             return
         if self.objects[cia402.ABORT_OPTION] == cia402.ABORT_QUICK_STOP:
@@ -298,7 +311,9 @@ class DriveModel:
             self.state = DriveState.SWITCHED_ON
 
     def _start(self) -> None:
-        """Enters OPERATION ENABLED and follows the target at once: this mode has no ramp."""
+        """Enters OPERATION ENABLED; the servo follows the target at once, for this mode has no ramp. Without
+        a target, or in the mode of homing, it stays where it is.
+        """
         self.state = DriveState.ENABLED
         if self._target is None or self.mode == cia402.HOMING:
             self._from_m = self._to_m = self._servo.position_m
@@ -314,7 +329,9 @@ class DriveModel:
             self._step(self._t_s)
 
     def _reference_m(self, t_s: float) -> tuple[float, float]:
-        """(position m, velocity m/s) that the servo follows at that time."""
+        """Returns (position m, velocity m/s) that the servo follows at that time: interpolated, or that of
+        homing.
+        """
         if self.mode == cia402.HOMING:
             return self.homing.reference_m, self.homing.velocity_m_s
         share = (t_s - self._synced_s) / self._period_s
@@ -324,7 +341,9 @@ class DriveModel:
         return self._from_m + span_m * max(0.0, share), span_m / self._period_s
 
     def _step(self, t_s: float) -> None:
-        """Moves the carriage on by one period; watches the following error, ends a fault reaction at rest."""
+        """Moves the carriage on by one period of the servo, towards the reference while enabled, else to
+        rest. Watches the following error, ends a fault reaction at rest, and calls `moved`.
+        """
         if self.state is DriveState.ENABLED:
             if self.mode == cia402.HOMING:
                 self._set_origin(self.homing.step(self._servo.position_m, self.velocity_m_s))
@@ -355,6 +374,7 @@ class DriveModel:
 
 
 def contents(node: int) -> dict[ObjectEntry, float]:
+    """Returns the object dictionary of the emulated drive: every entry with its value at the start."""
     return {
         **common_contents(node, cia402.PROFILE, SERIAL),
         cia301.SYNC_PERIOD_US: 0,
@@ -386,7 +406,9 @@ class Drive402(CanopenDevice):
         super().__init__(bus, node, contents(node), now_s)
 
     def provoke(self, fault: str) -> None:
-        """`drive_fault`: overcurrent, for a reset to clear; `stuck` until `free`; `unplug` and `plug`."""
+        """Begins a fault: `drive_fault`: overcurrent, until a reset; `stuck` until `free`; `unplug` until
+        `plug`.
+        """
         if fault == "drive_fault":
             self.model.fail(OVERCURRENT)
         elif fault in ("stuck", "free"):
@@ -395,7 +417,9 @@ class Drive402(CanopenDevice):
             super().provoke(fault)
 
     def written(self, index: int, sub: int, value: bytes) -> None:
-        """Takes over an object that the host wrote; SdoAbortedError for a homing method that it has not."""
+        """Passes an object that the host wrote on to the model: controlword, target, heartbeat or any other.
+        Ignores objects that the drive does not use. SdoAbortedError: a homing method that it has not.
+        """
         entry = _ENTRIES.get((index, sub))
         if entry is None:
             return
@@ -412,7 +436,7 @@ class Drive402(CanopenDevice):
             self._last_beat_s = None
 
     def shown(self, index: int, sub: int) -> float | None:
-        """Value of statusword, position, displayed mode and error code; None for any other object."""
+        """Returns statusword, position in counts, displayed mode or error code; None for any other object."""
         del sub
         model = self.model
         if index == cia402.STATUSWORD.index:
@@ -434,7 +458,9 @@ class Drive402(CanopenDevice):
         self.model.lose_host()
 
     def live(self, t_s: float) -> None:
-        """Moves the drive on; the host is lost when its heartbeat, once received, stays away."""
+        """Moves the drive on to `t_s`, and sends an emergency for each alarm. When the host's heartbeat, once
+        received, stays away, it stops the drive and goes to PRE-OPERATIONAL.
+        """
         if self._last_beat_s is not None and t_s - self._last_beat_s > self._silence_s:
             self.model.advance(self._last_beat_s + self._silence_s)
             self._last_beat_s = None
@@ -448,7 +474,7 @@ class Drive402(CanopenDevice):
 
 
 def build(settings: Cia402Settings, around: Surroundings, leave: ExitStack) -> Drive402:
-    """Builds the drive of the world's stage, with the vessel in front of it, for `Emulation`.
+    """Builds the emulated drive on its CAN bus, for `Emulation`; its motion moves the simulated vessel.
 
     Its limit switches lie beyond the travel; the one that it is homed to lies where the settings have it.
     """

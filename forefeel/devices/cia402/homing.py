@@ -59,8 +59,8 @@ class HomingCycle:
         self._started = 0
 
     def step(self, readback: Readback | None, beat: bool, emergency: int | None) -> int:
-        """Enables the drive, then homes it, and sets `done` at the end; returns the controlword of this
-        cycle. DeviceError: a fault of the drive or of the way to it, of homing, or no end in time.
+        """Returns the controlword of this cycle: enables the drive, then homes it; sets `done` at the end.
+        DeviceError: a fault of the drive or of the way to it, of homing, or no end in time.
         """
         machine = self._cycle.machine
         word = self._cycle.supervise(readback, beat, emergency)
@@ -81,7 +81,9 @@ class HomingCycle:
         return word | HOMING_START
 
     def _judge(self, statusword: int) -> None:
-        """Sets `done` by the bits of homing; DeviceError for an error or an interruption."""
+        """Sets `done` when the statusword says that homing is attained and at rest; not in the first cycles.
+        DeviceError: the drive reports an error of homing, or it was interrupted.
+        """
         status = statusword & _STATUS
         self._begun = self._begun or not status & HOMING_ATTAINED
         self._moving = self._moving or status == 0
@@ -138,7 +140,8 @@ class Cia402Homing:
         self.link.close()
 
     def home(self) -> float:
-        """Homes, then moves into the travel; returns the position of x = 0 in counts.
+        """Homes, then moves into the travel; returns the position of x = 0 in counts. A method that moves
+        nothing first goes to `home_m`, if the drive was homed here before.
 
         Raises:
             DeviceError: a fault on the way, or not there in time; the stage has been stopped.
@@ -171,7 +174,9 @@ class Cia402Homing:
 
     @contextmanager
     def _device(self) -> Iterator[tuple[SharedNetwork, RemoteDevice]]:
-        """Identifies the drive for the length of a block; DeviceError: another serial number than before."""
+        """Yields (network, device) of the identified drive for the length of a block. DeviceError: another
+        serial number than before.
+        """
         settings, serial = self._settings, self.link.serial
         self.link.begin()
         with talking_to(settings.can, settings.node_id, self.link) as (shared, device):
@@ -181,7 +186,7 @@ class Cia402Homing:
             yield shared, device
 
     def _require_new_count(self, offset: float) -> None:
-        """Raises DeviceError for a count that differs from the home offset: it stopped beside the edge."""
+        """Raises DeviceError unless the count after homing is the home offset, within the following error."""
         off_m = abs(self._at - offset) / self._settings.counts_per_m
         if off_m > self._settings.following_error_m:
             raise DeviceError(
@@ -192,7 +197,9 @@ class Cia402Homing:
     # --- the mode of homing ---
 
     def _run(self, shared: SharedNetwork) -> None:
-        """Runs the cycles of homing until it is done; a quick stop follows in any case."""
+        """Runs the cycles of homing until it is done; a quick stop follows in any case. DeviceError: a fault,
+        or no end in time.
+        """
         settings, counts = self._settings, PositionScale(0.0, self._per_m)
 
         def decode(host_ns: int, statusword: int, native: float) -> Readback:
@@ -224,9 +231,10 @@ class Cia402Homing:
     # --- the way from end to end ---
 
     def _go(self, targets_m: Sequence[float], velocity_m_s: float) -> list[float]:
-        """Moves to one target after the other; returns the counts where it came to rest.
+        """Moves to one target after the other; returns the counts where it came to rest, and stores the last
+        one.
 
-        The stage stays between where it is and where it is sent, and goes no faster than it is told to.
+        The stage stays between where it is and where it is sent, and goes no faster than `velocity_m_s`.
         """
         assert self._scale is not None, "homed before"
         places_m = [self._scale.metres(self._at), *targets_m]
@@ -241,7 +249,9 @@ class Cia402Homing:
         return rests
 
     def _reach(self, stage: Cia402Stage, target_m: float, velocity_m_s: float) -> float:
-        """Moves to a target; the count once it rests there for 0.1 s, DeviceError if it takes too long."""
+        """Moves to a target and waits until the stage rests there for 0.1 s; returns its count. DeviceError:
+        it takes too long.
+        """
         assert self._scale is not None, "homed before"
         clock, pacer = self._clock, Pacer(self._clock, 10_000_000)
         start_m = stage.read(clock.now_ns()).position_m

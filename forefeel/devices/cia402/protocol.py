@@ -148,7 +148,9 @@ class DriveMachine:
             self.phase, self._left = phase, self._patience
 
     def _word(self, state: DriveState | None, statusword: int) -> int:
-        """Returns the controlword, moves the phase on; DeviceError: the drive is in no expected state."""
+        """Returns the controlword that answers this state, and moves the phase on: reset, enable, follow.
+        DeviceError: the drive is in no expected state, or stays in one for too long; passive from then on.
+        """
         if self.phase is Phase.PASSIVE:
             return QUICK_STOP
         if self.phase is Phase.RESETTING:

@@ -50,7 +50,7 @@ class Cia404LoadCell(QueuedLoadCell):
     # --- the conversation ---
 
     def _converse(self, conversation: Conversation) -> Steps:
-        """Sets the transducer up and exchanges until the conversation ends."""
+        """Sets the transducer up and receives its readings until the conversation ends; leaves SYNC then."""
         settings = self._settings
         with talking_to(settings.can, settings.node_id, self.link) as (shared, device):
             try:
@@ -70,7 +70,9 @@ class Cia404LoadCell(QueuedLoadCell):
         self.link.advance(LinkState.CONFIGURED)
 
     def _load_scale(self, device: RemoteDevice) -> None:
-        """Sets scale and calibration by the unit of the device; DeviceSetupError: no unit of force."""
+        """Reads the unit of the device, and sets `scale`, `calibration` and the conversion to newtons by it.
+        DeviceSetupError: it is no unit of force. With `open_native` no calibration is loaded.
+        """
         s, code = self._settings, int(device.read(cia404.UNIT))
         unit_n = cia404.newton_per_unit(code)
         if unit_n is None:
@@ -86,7 +88,7 @@ class Cia404LoadCell(QueuedLoadCell):
         self._force = ForceScale(s.full_scale_n, s.sign, unit_n, self.calibration, watch, self.link.counters)
 
     def _exchange(self, conversation: Conversation, shared: SharedNetwork, device: RemoteDevice) -> Steps:
-        """Receives readings and emergencies until the conversation ends."""
+        """Subscribes to readings and emergencies, and runs the cycles until the conversation ends."""
         alarm = EMERGENCY + device.node
         self._tpdos, self._emergency = 0, 0
         shared.subscribe(self._pdo.can_id, self._on_reading)
@@ -98,7 +100,9 @@ class Cia404LoadCell(QueuedLoadCell):
             shared.unsubscribe(alarm, self._on_emergency)
 
     def _cycles(self, conversation: Conversation, shared: SharedNetwork) -> Steps:
-        """Sends SYNC where it is ours to send; READY at the first TPDO, DeviceError at silence."""
+        """Runs a cycle each period: sends SYNC where it is ours to send, counts silent ones. The link becomes
+        READY at the first TPDO. DeviceError: silence, an emergency, or the bus failed.
+        """
         period_s = 1.0 / self._settings.rate_hz
         patience = max(_SILENT_PERIODS, round(_SILENT_S / period_s))
         before, silent, pacer = 0, 0, Pacer(self._clock, round(period_s * 1e9))
@@ -122,7 +126,9 @@ class Cia404LoadCell(QueuedLoadCell):
             raise DeviceError(f"no TPDO for {silent} periods")
 
     def _on_reading(self, can_id: int, data: bytearray, stamp: float) -> None:
-        """Queues the measurement of a TPDO; counts one of a wrong length."""
+        """Passes the measurement of a TPDO on to the queue, stamped now; one of a wrong length is only
+        counted.
+        """
         del can_id, stamp
         reading = cia404.measured(self._pdo, data)
         if reading is None:

@@ -90,11 +90,13 @@ class CoilTalk:
         return self._ask()
 
     def hear(self, data: bytes, now_ns: int) -> bytes:
-        """Takes the bytes that came, none too; returns bytes to send.
+        """Takes the bytes that came, if any; returns bytes to send, often none: a request, or one command per
+        state.
 
         Raises:
             DeviceSetupError: nobody answers, or not the device that is expected.
-            DeviceError: silence for the watchdog's time, or a fault that the device reports.
+            DeviceError: silence for the watchdog's time, a fault that the device reports, or a haptic loop
+                that stands still with a current.
         """
         self._bytes += len(data)
         fresh = False
@@ -123,7 +125,10 @@ class CoilTalk:
         return encode(Identify(PROTOCOL, watchdog_ms, limit_ma))
 
     def _take_identity(self, identity: CoilIdentity) -> None:
-        """Checks the identity: IDENTIFIED. DeviceSetupError: another device, protocol or limit."""
+        """Stores serial number and identity in the link: IDENTIFIED; ignores an identity unless the link is
+        OPEN. DeviceSetupError: another device, protocol or serial number, or a watchdog or limit above the
+        settings.
+        """
         if self._link.state is not LinkState.OPEN:
             return
         port, settings = self._settings.port, self._settings
@@ -150,7 +155,10 @@ class CoilTalk:
         self._link.advance(LinkState.IDENTIFIED)
 
     def _shake(self, now_ns: int, fresh: bool) -> bytes:
-        """Asks again, or ends the handshake at the first state without fault; returns bytes to send."""
+        """Returns the next bytes of the handshake: the request again each 0.1 s, then a command for each
+        state. The first state without fault makes the link READY and sets `settled`; after a fault it stays
+        CONFIGURED. DeviceSetupError: not done within a second.
+        """
         if now_ns - self._begun_ns > _PATIENCE_NS:
             raise DeviceSetupError(self._refusal())
         if self._link.state is LinkState.OPEN:
@@ -167,7 +175,7 @@ class CoilTalk:
         return self._command()
 
     def _refusal(self) -> str:
-        """Error text for a handshake that has not been done in time."""
+        """Returns the error text for a handshake not done in time: a fault, no states, or no answer."""
         settings = self._settings
         if self.newest is not None and self.newest.state.flags:
             flags = self.newest.state.flags
@@ -186,7 +194,10 @@ class CoilTalk:
     # --- the exchange ---
 
     def _take_state(self, state: CoilState, now_ns: int) -> bool:
-        """Takes over a state; false before IDENTIFIED, and for the last one again. Counts lost frames."""
+        """Stores a state, stamped, as `newest`; True if it is new. False before IDENTIFIED, or for the last
+        one again. Counts frames and lost ones. DeviceError: a fault that the device reports, once the
+        handshake is done.
+        """
         if self._link.state < LinkState.IDENTIFIED:
             return False
         before = self.newest
@@ -211,7 +222,9 @@ class CoilTalk:
         self._let_go = not pressed
 
     def _require_in_time(self, now_ns: int) -> None:
-        """Raises DeviceError for a silent device, or a haptic loop that stands still with a current."""
+        """Raises DeviceError when the newest state, or the setpoint of a current, is older than the
+        watchdog's time.
+        """
         assert self.newest is not None
         setpoint, age_ns = self.setpoint, now_ns - self.newest.stamp_ns
         if age_ns > self._watchdog_ns:
@@ -294,7 +307,8 @@ class CoilHandle:
         self.link.rearm()
 
     def read(self, now_ns: int) -> HandleReading:
-        """Reading by the newest state, carried on by its velocity for at most 5 ms.
+        """Returns position, velocity and buttons by the newest state, carried on by its velocity for at most
+        5 ms. A state older than the watchdog's time is a fault of the link.
 
         Raises:
             DeviceError: a fault, now or before, that nobody has re-armed after.
@@ -315,7 +329,8 @@ class CoilHandle:
         return HandleReading(position_m, velocity_m_s, pressed, grip, estop=stop)
 
     def render(self, force_n: float, now_ns: int) -> float:
-        """Sets the current of a force, within the limit and to the milliampere; returns the force of that.
+        """Sets the current for a force, clamped to the limit; returns the force in N of that current. A force
+        that is not finite gives no current.
 
         Raises:
             DeviceError: as `read`; there is no force then.
@@ -332,7 +347,9 @@ class CoilHandle:
         self._talk.shown = indication
 
     def _converse(self, conversation: Conversation) -> Steps:
-        """Shakes hands and exchanges until the conversation ends, or the haptic thread closes the link."""
+        """Opens the port, shakes hands and exchanges until the conversation ends, or a fault closes the link.
+        At the end it sends a command without current and closes the port.
+        """
         stream = SerialStream(self._settings, _READ_S * self._settings.watchdog_s)
         try:
             self.link.advance(LinkState.OPEN)

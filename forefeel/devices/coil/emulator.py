@@ -84,7 +84,9 @@ class CoilDevice:
         self._answer = self._sent = b""
 
     def receive(self, data: bytes, t_s: float) -> None:
-        """Takes requests and commands; nothing while the firmware hangs."""
+        """Handles requests for the identity, and stores the newest command; ignores all while the firmware
+        hangs.
+        """
         if t_s < self._hangs_until_s:
             return
         for frame in self._parser.feed(data):
@@ -104,7 +106,7 @@ class CoilDevice:
         return bytes(sent)
 
     def provoke(self, fault: str) -> None:
-        """`stuck`: the firmware hangs for half a second, repeating its last frame, and starts anew;
+        """Begins a fault: `stuck`: the firmware hangs for 0.5 s, repeating its last frame, and restarts;
         `drive_fault`: the amplifier trips; for a second `overrange`: the encoder loses its zero, `hot`: the
         coil is too hot.
         """
@@ -117,7 +119,10 @@ class CoilDevice:
                 self._passing, self._passes_s = _PASSING[fault], self._next * _PERIOD_S + _PASSES_S
 
     def _identify(self, request: Identify, t_s: float) -> None:
-        """Answers a request: sets watchdog and current limit, at most its own, and clears latched flags."""
+        """Answers a request with the identity, sets watchdog and current limit (at most its own), clears
+        flags. Only WATCHDOG and OVERCURRENT are cleared; the command is forgotten, and the watchdog runs from
+        now.
+        """
         hardware = self.hardware
         watchdog_ms = min(request.watchdog_ms, hardware.longest_watchdog_ms)
         limit_ma = min(request.limit_ma, round(hardware.peak_a * 1e3))
@@ -129,7 +134,9 @@ class CoilDevice:
         self._answer += encode(CoilIdentity(hardware.protocol, watchdog_ms, limit_ma, *identity))
 
     def _step(self, t_s: float) -> bytes:
-        """Lives for a period; the state as bytes, none before it is identified, the last while it hangs."""
+        """Advances by one period and returns the state as bytes: none before the request, the last while it
+        hangs. When it no longer hangs, the firmware restarts.
+        """
         reading = self._live(t_s)
         if self._hangs_until_s > -inf:
             if t_s < self._hangs_until_s:
@@ -156,7 +163,9 @@ class CoilDevice:
         return self._sent
 
     def _live(self, t_s: float) -> HandleReading:
-        """Sets the current, lets the person feel it and see the lamp, and reads the handle."""
+        """Sets the current, lets the person feel it and see the lamp, and returns the person's reading. The
+        lamp is dark when the host is silent.
+        """
         in_time = self._identified and t_s - self._command_s <= self._watchdog_s
         command = self._command
         now_ns = round(t_s * 1e9)
@@ -171,7 +180,9 @@ class CoilDevice:
         return self._flags | (self._passing if t_s < self._passes_s else Flag(0))
 
     def _protect(self, t_s: float, in_time: bool) -> None:
-        """Sets the current that the firmware permits; WATCHDOG and OVERCURRENT stay until `Identify`."""
+        """Sets `current_a` to the commanded current within the limit, or to 0 while disabled or with a fault.
+        `in_time` False, once identified, sets WATCHDOG, which stays until `Identify`.
+        """
         if self._identified and not in_time and Flag.WATCHDOG not in self._flags:
             self._flags |= Flag.WATCHDOG
             self.counters["watchdog_trips"] += 1
@@ -181,6 +192,7 @@ class CoilDevice:
 
 
 def build(settings: CoilSettings, around: Surroundings, leave: ExitStack) -> SerialBench:
+    """Builds the emulated handle on the settings' port, for `Emulation`; a synthetic operator holds it."""
     del leave
     hardware = CoilHardware(
         counts_per_m=settings.counts_per_m,

@@ -157,7 +157,7 @@ class CoilParser:
         self._skipping = False
 
     def feed(self, data: bytes) -> list[Frame]:
-        """The frames that are complete now, oldest first."""
+        """Returns the frames that are complete now, oldest first; anything else is counted and dropped."""
         *pieces, rest = (bytes(self._buffer) + data).split(b"\0")
         if pieces and self._skipping:
             self._skipping = False
@@ -170,7 +170,9 @@ class CoilParser:
         return frames
 
     def _decode(self, piece: bytes) -> Frame | None:
-        """The frame between two delimiters; None, counted, when it is damaged or unknown."""
+        """Decodes the bytes between two delimiters to a frame; None, counted, when they are damaged or
+        unknown.
+        """
         if len(piece) > MAX_BUFFER:
             self._counters["oversized"] += 1
             return None

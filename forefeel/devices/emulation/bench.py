@@ -73,7 +73,9 @@ class Emulation(NamedTuple):
 
 
 def moved(around: Surroundings, sign: int, leave: ExitStack) -> Callable[[float, float, float, float], None]:
-    """Makes the hook of an emulated stage's steps: the contact moves, the load cell is sent the force."""
+    """Makes the hook that an emulated stage calls at each step with (t_s, x_m, v_m_s, a_m_s2). It moves the
+    simulated contact, times `sign`, and sends its force to the load cell if there is a link.
+    """
     contact = ContactSimulation(around.world)
     sender = (
         None if around.force_link is None else leave.enter_context(closing(ForceSender(around.force_link)))
@@ -88,7 +90,9 @@ def moved(around: Surroundings, sign: int, leave: ExitStack) -> Callable[[float,
 
 
 def sensor_of(settings: Any, around: Surroundings, leave: ExitStack) -> EmulatedSensor:  # noqa: ANN401 - of a cell
-    """Makes the sensor of an emulated load cell: feels the stage's force and the load, at the cell's rate."""
+    """Makes the sensor of an emulated load cell, at the cell's rate and full scale. It feels the force
+    received from the stage, if there is a link, and the load, both times the cell's sign.
+    """
     receiver: ForceReceiver | None = None
     if around.force_link is not None:
         receiver = leave.enter_context(closing(ForceReceiver(around.force_link)))

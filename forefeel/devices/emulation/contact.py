@@ -28,7 +28,9 @@ class ContactSimulation:
         self.force_n = 0.0
 
     def moved(self, t_s: float, x_m: float, v_m_s: float, a_m_s2: float) -> None:
-        """Moves the carriage on, with an even acceleration since the last call; sets `force_n`."""
+        """Steps the contact from the last call's motion to this one, each 0.25 ms, and sets `force_n` at its
+        end. Position and velocity are interpolated linearly in between; the acceleration is that of now.
+        """
         last_s, last_m, last_m_s = self._last or (t_s - _STEP_S, x_m, v_m_s)
         steps = max(1, round((t_s - last_s) / _STEP_S))
         dt_s = (t_s - last_s) / steps

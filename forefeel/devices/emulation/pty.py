@@ -29,7 +29,9 @@ class Pty:
         self.plug()
 
     def plug(self) -> None:
-        """Opens a new terminal and puts the link to it in place; nothing when it is open."""
+        """Opens a new terminal and puts the link to it in place; nothing when it is open. ConfigurationError:
+        something that is no link is at the place.
+        """
         if self._master >= 0:
             return
         if self.link.exists() and not self.link.is_symlink():
@@ -55,7 +57,7 @@ class Pty:
         return self._master
 
     def read(self, timeout_s: float) -> bytes:
-        """Bytes of the host, after waiting for at most `timeout_s`; empty when there are none."""
+        """Reads the host's bytes; waits at most `timeout_s`, empty when there are none or while unplugged."""
         if self._master < 0:
             time.sleep(timeout_s)
             return b""
@@ -90,7 +92,9 @@ class PtyServer:
         self._start_s = time.monotonic()
 
     def step(self) -> None:
-        """Carries bytes both ways, each at the time when it has crossed the wire, and advances the device."""
+        """Carries bytes both ways, each when it has crossed the wire, and advances the device to now. Waits
+        at most 1 ms.
+        """
         data = self._pty.read(self._wait_s())
         t_s = time.monotonic() - self._start_s
         self.to_device.send(data, t_s)

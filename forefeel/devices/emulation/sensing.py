@@ -37,7 +37,9 @@ class EmulatedSensor:
         self.fault = None if fault == "free" else fault
 
     def measure(self, t_s: float) -> float:
-        """Force in N with noise, within the full scale; the last one again while stuck."""
+        """Returns the force in N with noise, clamped to the full scale, and sets `saturated`. While `stuck`
+        it returns the last one again, while `overrange` the full scale.
+        """
         most_n = self._full_scale_n
         if self.fault != "stuck":
             force_n = self._feel(t_s) + self._random.gauss(0.0, self._noise_n)

@@ -37,7 +37,7 @@ class Conversation:
         self._thread: threading.Thread | None = None
 
     def start(self, timeout_s: float) -> None:
-        """Starts the thread, and waits until the device is ready.
+        """Lifts any inhibition of the link, starts the thread, and waits until the link is READY.
 
         Raises:
             DeviceError: the first handshake failed, with its reason, or takes too long; the thread has ended.
@@ -61,8 +61,9 @@ class Conversation:
         self.link.close()
 
     def step(self) -> float | None:
-        """Makes one step; returns s until the next, None at the end. An error is a fault of the link, after
-        which it begins anew; before the first READY it is the end.
+        """Runs `converse` to its next yield; returns the s to wait before the next step, None at the end. An
+        exception becomes a fault of the link, and `converse` begins anew 0.5 s later; before the first READY
+        it ends the conversation instead (`stopping` is set).
         """
         if self._steps is None and self.stopping:
             return None
@@ -101,7 +102,9 @@ class Conversation:
             thread.join(5.0)
 
     def _run(self) -> None:
-        """Steps until the conversation ends; a wait of more than 0.1 s ends at once with `stop`."""
+        """Raises the thread's priority, then calls `step` until it returns None, waiting for the time that it
+        returns. A wait of more than 0.1 s ends at once with `stop`.
+        """
         go_before(_STEPS)
         while (wait_s := self.step()) is not None:
             if wait_s > _CYCLE_S:

@@ -36,8 +36,9 @@ class DeviceTime:
         self._stamp_ns: int | None = None
 
     def stamps(self, device_us: Sequence[int], now_ns: int) -> list[int]:
-        """Stamps of readings that came together at `now_ns`: increasing, none after `now_ns`. DeviceError:
-        the device's clock jumped: it was reset.
+        """Returns the host's stamps in ns of readings that arrived together at `now_ns`, oldest first. They
+        never decrease and never lie after `now_ns`; empty for no readings. Updates the offset of the clocks
+        and counts `missing` readings. DeviceError: the device's clock jumped, so it was reset.
         """
         unwrapped = [self._unwrapped(t_us, now_ns) for t_us in device_us]
         if not unwrapped:
@@ -47,7 +48,9 @@ class DeviceTime:
         return [self._next(offset_ns + t_us * 1000, now_ns) for t_us in unwrapped]
 
     def _unwrapped(self, t_us: int, now_ns: int) -> int:
-        """Device time without wraps, in us; counts missing readings. DeviceError: the clock jumped."""
+        """Returns the device time in us without wraps, and stores it; adds a gap in it to `missing`.
+        DeviceError: the clock jumped, by more than 1 s beyond the host's.
+        """
         if self._last_us is None:
             self._last_us, self._window_ns, self._device_us = t_us, now_ns, t_us
             return t_us
@@ -69,7 +72,9 @@ class DeviceTime:
         return (made_ns - now_ns) // 1000
 
     def _learn(self, difference_ns: int, now_ns: int) -> None:
-        """Updates the least difference of arrival and device time, in this window and the last."""
+        """Updates the least difference of arrival and device time (ns) of this window, and of the one before.
+        A window lasts 1 s; the next one begins with this difference.
+        """
         if not self._least:
             self._least = [difference_ns, difference_ns]
         elif now_ns - self._window_ns >= _WINDOW_NS:

@@ -41,7 +41,9 @@ class StuckWatch:
         self._since_s, self._repeats = 0.0, 0
 
     def take(self, raw: float, t_s: float) -> bool:
-        """Takes a reading; true when a noisy cell has only repeated it for a second, and 30 times."""
+        """Takes a raw value at `t_s`; True if a noisy cell has repeated it for 1 s, and 30 times. Another
+        value than the last restarts the count, and updates whether the cell counts as noisy.
+        """
         if raw == self._raw:
             self._repeats += 1
             return self._noisy and self._repeats >= _FEWEST_REPEATS and t_s - self._since_s >= _LONGEST_S
@@ -85,7 +87,9 @@ class ForceScale:
         self._stuck = stuck
 
     def checked(self, native: Native) -> Native:
-        """Adds the flaws that show against the full scale and the measurements before; counts each."""
+        """Adds the flaws `beyond_full_scale` and `stuck` where they apply; counts the reading and all its
+        flaws. Takes each measurement once, in order; returns it unchanged where no flaw was added.
+        """
         flaws, (force_n, raw_n) = native.flaws, self._forces(native.value)
         if max(abs(force_n), abs(raw_n)) > VALID_SHARE * self._full_scale_n:
             flaws = (*flaws, "beyond_full_scale")
@@ -97,7 +101,9 @@ class ForceScale:
         return native if flaws is native.flaws else native._replace(flaws=flaws)
 
     def reading(self, checked: Native) -> LoadCellReading:
-        """Converts a measurement to a reading: finite, never more than the full scale."""
+        """Converts a measurement to a reading: force in N, clamped to the full scale, and raw counts. It is
+        valid if the measurement has no flaws.
+        """
         force_n, raw_n = self._forces(checked.value)
         counts = checked.value if self._newton_per_native is None else raw_n * _MICRONEWTON_PER_N
         return LoadCellReading(

@@ -75,7 +75,9 @@ class QueuedLoadCell:
         raise NotImplementedError
 
     def _measured(self, native: Native) -> None:
-        """Checks a measurement and queues it for the control loop, unless inhibited."""
+        """Checks a measurement and queues it for the control loop; unless READY it is dropped and counted.
+        Counts the exchange of the link, and sets its counter `unread` to what a full queue has lost.
+        """
         assert self._force is not None
         self.link.exchanged()
         checked = self._force.checked(native)

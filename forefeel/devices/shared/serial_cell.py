@@ -99,7 +99,11 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
             stream.close()
 
     def _calibrated(self) -> ForceScale:
-        """Loads the calibration, unless opened for native readings; raises for another device or file."""
+        """Stores the serial number in the link, loads the calibration if the settings name one, returns the
+        scale. With `open_native` no calibration is loaded. DeviceError: another serial number than before.
+        DeviceSetupError: a calibration, but no serial number, or one that does not fit the device or
+        settings.
+        """
         serial, path = self._serial(), self._settings.calibration
         if self.link.serial not in ("", serial):
             raise DeviceError(
@@ -121,7 +125,9 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
         return self._scale(self.calibration)
 
     def _serial(self) -> str:
-        """The serial number of the port, else that of the settings, else an empty text."""
+        """Returns the serial number of the port, else that of the settings, else an empty text.
+        DeviceSetupError: both have one, and they differ.
+        """
         attached, given = port_serial(self._settings.port), self._settings.serial
         if attached and given not in (None, attached):
             raise DeviceSetupError(
@@ -130,7 +136,9 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
         return attached or given or ""
 
     def _identified(self, conversation: Conversation, stream: SerialStream, cell: Cell) -> Steps:
-        """Reads until the first measurement: IDENTIFIED. DeviceSetupError: none comes in time."""
+        """Reads until the first measurement, then sets the link's identity and advances it to IDENTIFIED.
+        Ends early when the conversation is stopping. DeviceSetupError: no measurement comes in time.
+        """
         start_ns, came = self._clock.now_ns(), 0
         patience_s = _identify_s(cell, self._settings.rate_hz)
         while self.link.state < LinkState.IDENTIFIED and not conversation.stopping:
@@ -145,7 +153,9 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
             yield 0.0
 
     def _measure_rate(self, conversation: Conversation, stream: SerialStream, cell: Cell) -> Steps:
-        """Reads until the rate is that of the settings: READY. DeviceSetupError: it is not in time."""
+        """Reads until the measured rate is within 10 % of `rate_hz`, then advances the link to READY. Sets
+        `measured_hz`; ends early when the conversation is stopping. DeviceSetupError: not in time.
+        """
         start_ns, rate_hz = self._clock.now_ns(), self._settings.rate_hz
         while not conversation.stopping:
             cell.take(self._transfer(stream, cell), self._clock.now_ns())
@@ -163,7 +173,9 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
             yield 0.0
 
     def _exchange(self, conversation: Conversation, stream: SerialStream, cell: Cell) -> Steps:
-        """Hands over measurements until the conversation ends; DeviceError: none for too long."""
+        """Passes every measurement to `_measured` until the conversation ends. DeviceError: no measurement
+        for five periods, or 50 ms if that is longer.
+        """
         last_ns, since = self._clock.now_ns(), 0
         while not conversation.stopping:
             silent_ns = self._clock.now_ns() - last_ns  # before reading: a host that was busy gets bytes
@@ -187,7 +199,7 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
         return stream.read()
 
     def _unidentified(self, came: int, patience_s: float, cell: Cell) -> str:
-        """Error text: nothing came, or bytes that are none of the cell's."""
+        """Returns the error text for an unidentified cell: nothing came, or `came` bytes of no meaning."""
         where, expected = self._settings.port, cell.expected
         if not came:
             what = f"nothing comes within {patience_s:.2g} s"

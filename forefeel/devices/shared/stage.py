@@ -27,8 +27,9 @@ class PositionScale(NamedTuple):
 
 
 def calibrated(settings: ScaledStageSettings, serial: str) -> tuple[StageCalibration | None, PositionScale]:
-    """Loads the calibration that the settings name, None without one; and the scale: its, else the settings'.
-    DeviceSetupError: it is of another device, out of date, or does not fit the settings.
+    """Returns (calibration, scale): the file that the settings name, and its zero and counts per metre.
+    Without a file: (None, the scale of the settings with zero 0). DeviceSetupError: it is of another device,
+    out of date, or does not fit the settings.
     """
     path, native_per_m = settings.calibration, settings.native_per_m
     if path is None:
@@ -86,7 +87,9 @@ class Setpoint:
         self.velocity_m_s = step_m / self._period_s
 
     def hold(self) -> None:
-        """Slows down for one cycle, or stays at rest; within the travel."""
+        """Moves the position on by one cycle while slowing down with the deceleration, until it rests. At an
+        end of the travel it stops at once, with velocity 0.
+        """
         v = self.velocity_m_s
         v = max(0.0, v - self._brake_m_s) if v > 0.0 else min(0.0, v + self._brake_m_s)
         free_m = self.position_m + v * self._period_s

@@ -43,7 +43,9 @@ class SerialStream:
             raise DeviceSetupError(_why_not(settings, error)) from error
 
     def read(self) -> bytes:
-        """Waits for the first byte, at most `timeout_s`; up to 4 KiB, empty when none came."""
+        """Reads up to 4 KiB; waits at most `timeout_s` for the first byte, empty if none came. DeviceError:
+        the port is gone, or was closed.
+        """
         try:  # past pyserial's read, which takes three times the system calls for a frame each millisecond
             number = self._serial.fileno()
             if not select.select([number], [], [], self.timeout_s)[0]:
@@ -56,7 +58,7 @@ class SerialStream:
         return data
 
     def write(self, data: bytes) -> None:
-        """Writes all; DeviceError when the port takes no bytes for 0.5 s, or is gone."""
+        """Writes all bytes. DeviceError: the port takes none for 0.5 s, or is gone."""
         try:  # past pyserial's write, which fails after all is written when the process was frozen meanwhile
             number = self._serial.fileno()
             while data:
@@ -72,7 +74,9 @@ class SerialStream:
 
 
 def latency_warning(port: str, devices: Path = _USB_SERIAL) -> str | None:
-    """Advice on a slow latency timer of an FTDI adapter, which delays every answer; else None."""
+    """Returns advice if the latency timer of the port's FTDI adapter, which delays answers, exceeds 1 ms.
+    None if it does not, or there is no such timer. `devices`: the folder of sysfs to look in.
+    """
     try:
         timer_ms = int((devices / Path(os.path.realpath(port)).name / "latency_timer").read_text())
     except (OSError, ValueError):

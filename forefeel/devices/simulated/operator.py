@@ -47,7 +47,11 @@ class SimulatedOperatorPolicy:
         return self.act is not Act.WAITING
 
     def look(self, now_s: float, state: SafetyState | None, aligned: bool = True) -> None:
-        """Decides on the deadman by the display; nobody presses before the hand is at the stage (aligned)."""
+        """Presses or releases the deadman by the state that is shown: changes `act`. Presses when READY,
+        after waiting for at least 0.5 s, if the hand is at the stage (`aligned`); moves when ARMED; releases
+        if that takes more than 3 s, or it is no longer ARMED. After `release` it adds to `clutched_out_s`
+        until ARMED.
+        """
         elapsed_s = now_s - (self._previous_s if self._previous_s is not None else now_s)
         self._previous_s = now_s
         if self._chosen:
@@ -172,7 +176,9 @@ class Arm:
         self.position_m, self.velocity_m_s = position_m, 0.0
 
     def advance(self, reference_m: float, reference_m_s: float, force_n: float, dt_s: float) -> None:
-        """Moves hand and velocity on by dt, under a reference and a force that resists insertion."""
+        """Integrates position and velocity over `dt_s`, with a reference (m, m/s) and a force against
+        insertion.
+        """
         steps = max(1, int(dt_s / 0.5e-3 + 0.999))
         h = dt_s / steps
         for _ in range(steps):
@@ -212,7 +218,10 @@ class Operator(SimulatedHandle):
         return force_n
 
     def read(self, now_ns: int) -> HandleReading:
-        """Lets the person look, plan and move up to now; the handle follows the arm."""
+        """Advances the person to `now_ns` (deadman, plan, arm) and returns position and velocity of the arm.
+        The arm feels the rendered force, late by the actuator's delay; a repeated call at one time moves
+        nothing.
+        """
         dt_s = self._step_s(now_ns)
         was = self.person.act
         aligned = self._reach_s >= self._reach.duration_s
@@ -225,7 +234,9 @@ class Operator(SimulatedHandle):
         return HandleReading(self._arm.position_m, self._arm.velocity_m_s, self.person.pressed, self._gripper)
 
     def _plan(self, was: Act, dt_s: float) -> None:
-        """Aims the hand at the stage while it waits, at the next stroke once the last is done or cut off."""
+        """Begins a reach to the stage while the person waits, and the next stroke while moving. A stroke
+        follows when the last one and its dwell are over, and at once when moving begins.
+        """
         act, stage_m = self.person.act, self._indication.stage_position_m
         self._reach_s += dt_s
         if act is Act.WAITING and stage_m is not None and self._reach.end_m != stage_m:
@@ -240,7 +251,9 @@ class Operator(SimulatedHandle):
         self._reach_s = 0.0
 
     def _next_stroke(self) -> None:
-        """Begins insertion and withdrawal in turn; depth, pace and dwell vary by a fifth, like a person's."""
+        """Begins the next stroke, insertion and withdrawal in turn; an insertion closes the gripper. Depth,
+        duration and dwell vary by up to a fifth. With `restroke` a withdrawal opens the gripper.
+        """
         settings, rng = self._settings, self._rng
         inward = self._stroke % 2 == 0
         self._stroke += 1

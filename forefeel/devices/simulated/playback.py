@@ -61,7 +61,9 @@ class Playback(SimulatedHandle):
         return force_n
 
     def read(self, now_ns: int) -> HandleReading:
-        """Position up to now: at the stage until armed, then on the way to the piece, then in it."""
+        """Advances the playback to `now_ns` and returns where the hand is: at the stage until armed, then on
+        the way to the start of the piece, then in it, with the time of the recording.
+        """
         dt_s = self._step_s(now_ns)
         self.person.look(now_ns * 1e-9, self._indication.state)
         if self.finished or self.person.act is not Act.MOVING:
@@ -84,7 +86,9 @@ class Playback(SimulatedHandle):
         self._approach_s = 0.0
 
     def _go_to_start(self, dt_s: float) -> HandleReading | None:
-        """Reading on the way to the start of the piece; None once it is there."""
+        """Returns the reading on the way to the start of the piece, moved on by `dt_s`; None once it is
+        there.
+        """
         assert self._approach is not None
         self._approach_s += dt_s
         if self._approach_s > self._approach.duration_s:
@@ -100,7 +104,9 @@ class Playback(SimulatedHandle):
         return HandleReading(self._position_m, velocity_m_s, True, recording_time_s=self._play_s)
 
     def _end_piece(self, now_ns: int) -> HandleReading:
-        """Releases the deadman and goes on to the next piece; `finished` after the last."""
+        """Releases the deadman and goes on to the next piece, or sets `finished` after the last. Returns the
+        reading at rest.
+        """
         self._piece += 1
         self.person.release(now_ns * 1e-9)
         if self._piece == len(self._motion.pieces):

@@ -45,7 +45,8 @@ class RecordedLoadCell:
         return (self._at(recording_time_s),)
 
     def _at(self, recording_time_s: float | None) -> LoadCellReading:
-        """The force at that time of the recording, raw counts in micro-newtons.
+        """Returns the force at that time of the recording, interpolated linearly; raw counts in
+        micro-newtons.
 
         Invalid and 0 N without a time, outside the recording, inside a gap; a sample at its edge is valid.
         """

@@ -97,7 +97,7 @@ class ZaberTalk:
         return self.as_number(text, self.ask(text, axis))
 
     def as_number(self, text: str, data: str) -> float:
-        """The number in a reply; DeviceError if it is none, or not finite."""
+        """Parses the reply `data` to the command `text` as a number; DeviceError: none, or not finite."""
         try:
             value = float(data)
         except ValueError:
@@ -115,8 +115,10 @@ class ZaberTalk:
     def exchange(
         self, texts: Sequence[str], axis: int | None = None, patient: bool = False
     ) -> list[Timed[Reply] | None]:
-        """Sends commands in one go and waits; their replies, None where none came in time. SilenceError:
-        nothing came three times in a row (unless `patient`). DeviceError: the device is gone.
+        """Sends commands in one write and returns their replies in that order, rejections too; None: none in
+        time. Counts `lost_replies`. SilenceError: three exchanges in a row without any reply (unless
+        `patient`). DeviceError: the port is gone. `axis`: None for that of this object, 0 for the device
+        itself.
         """
         sent_ns, ids = self._clock.now_ns(), self.post(texts, axis)
         received = self._collect(ids, sent_ns)
@@ -128,7 +130,9 @@ class ZaberTalk:
         return replies
 
     def post(self, texts: Sequence[str], axis: int | None = None) -> list[int]:
-        """Sends commands without waiting; their message ids."""
+        """Sends commands in one write without waiting for replies; returns their message ids. Counts
+        `commands`. DeviceError: the port is gone. `axis`: None for that of this object.
+        """
         lines = [self._encoder.encode(self._axis if axis is None else axis, text) for text in texts]
         data = b"".join(line for _, line in lines)
         self._counters["commands"] += len(lines)
@@ -137,7 +141,10 @@ class ZaberTalk:
         return [message_id for message_id, _ in lines]
 
     def _collect(self, ids: Sequence[int], sent_ns: int) -> dict[int, Timed[Reply]]:
-        """Reads until all replies have come or time is up; by message id, stamped half way from `sent_ns`."""
+        """Reads until all `ids` are answered or time is up; returns the replies that came, by message id.
+        They are stamped half way between `sent_ns` and arrival. Counts replies of other devices (`foreign`,
+        their address is added to `others`), `unexpected_replies`, and what the parser dropped.
+        """
         wire_s = (self._sent + _USUAL_REPLY_BYTES * len(ids)) * self._byte_s
         deadline_ns = sent_ns + int((wire_s + _SLACK_S) * 1e9)
         received: dict[int, Timed[Reply]] = {}
@@ -184,7 +191,8 @@ def link_name(settings: ZaberSettings) -> str:
 
 
 def connect(settings: ZaberSettings, clock: Clock, link: DeviceLink, stream: SerialStream) -> ConfiguredStage:
-    """Identifies the stage behind an open stream and sets it up; nothing moves.
+    """Identifies the stage behind an open stream and sets it up: checksums, speed and acceleration limits.
+    Nothing moves. The link becomes IDENTIFIED, with identity and serial number.
 
     Raises:
         DeviceSetupError: silent, another device, wrong baud rate, no checksums, a limit that it does not
@@ -226,7 +234,9 @@ def require_homed(talk: ZaberTalk, link: DeviceLink) -> None:
 
 
 def clear_faults(talk: ZaberTalk, link: DeviceLink) -> None:
-    """Acknowledges old faults; to be called on an explicit act only. DeviceSetupError: one that stays."""
+    """Clears the stage's warnings and enables a driver that is off; to be called on an explicit act only.
+    DeviceSetupError: a fault stays set, other than that it is not homed.
+    """
     talk.ask("warnings clear")
     if DRIVER_OFF & set(flags(talk)):
         talk.ask("driver enable")
@@ -241,7 +251,9 @@ def flags(talk: ZaberTalk) -> list[str]:
 
 
 def _identify(talk: ZaberTalk, settings: ZaberSettings, link: DeviceLink) -> str:
-    """Turns checksums on and reads the identity into the link; returns the serial number."""
+    """Turns checksums on and writes what the device is into `link.identity`; returns the serial number.
+    DeviceSetupError: no answer, or the checksums stay off.
+    """
     try:
         device_id = _device_id(talk)
     except SilenceError as error:
@@ -260,7 +272,7 @@ def _device_id(talk: ZaberTalk) -> str:
 
 
 def _why_silent(talk: ZaberTalk, settings: ZaberSettings) -> str:
-    """Error text: answers of another device, bytes that are no Zaber ASCII, or silence."""
+    """Returns the error text for no answer: another device answers, bytes are no Zaber ASCII, or silence."""
     expected = f"expected Zaber device {settings.device} in ASCII at {settings.baud} baud"
     if talk.others:
         cause = f"answers come from device {min(talk.others)}"
@@ -272,7 +284,9 @@ def _why_silent(talk: ZaberTalk, settings: ZaberSettings) -> str:
 
 
 def _limit(talk: ZaberTalk, settings: ZaberSettings, scale: PositionScale) -> None:
-    """Sets the limits of speed and acceleration; DeviceSetupError: a value that the stage rejects."""
+    """Sets maximum speed and acceleration in the stage, from the settings, where they differ.
+    DeviceSetupError: the stage rejects the value (BADDATA). RejectedError: another rejection.
+    """
     per_m = abs(scale.per_m)
     limits = {
         "maxspeed": (settings.max_velocity_m_s * per_m * SPEED_DATA, "max_velocity_m_s"),
@@ -291,7 +305,9 @@ def _limit(talk: ZaberTalk, settings: ZaberSettings, scale: PositionScale) -> No
 
 
 def _checksums_on(talk: ZaberTalk, settings: ZaberSettings) -> None:
-    """Turns checksums on, in the device and in the parser; DeviceSetupError: they stay off."""
+    """Turns checksums on in the device, and requires them in every reply from now on. DeviceSetupError: the
+    device rejects it, or its replies come without.
+    """
     try:
         _ensure(talk, "comm.checksum", 1, axis=0)
         talk.parser.checksums = True
@@ -355,8 +371,9 @@ class ZaberExchange:
         self._store((asked_ns + self._clock.now_ns()) // 2, x_m)
 
     def step(self) -> None:
-        """Sends the order that is due, and asks for the position in the same exchange. DeviceError: a
-        rejected command, a warning flag that forbids motion, silence, the port is gone.
+        """Sends a stop or the newest target, if either is due, and asks for the position in the same
+        exchange. Updates `reading`; clears a stop once it is answered. DeviceError: a rejected command, a
+        warning flag that forbids motion, silence, the port is gone, or a target while the link is not READY.
         """
         began_ns = self._clock.now_ns()
         stop_due, setpoint = self._due(began_ns)
@@ -378,8 +395,9 @@ class ZaberExchange:
         self._usual_s += (took_s - self._usual_s) * _SMOOTHED
 
     def _due(self, now_ns: int) -> tuple[bool, Wanted | None]:
-        """The order of now: (a stop is due, setpoint; None: hold). When this thread stood still for longer
-        than the lead, so did the stage: setpoints from before are dropped.
+        """Returns (a stop is due, the newest setpoint, or None for no motion) and notes `now_ns` as the last
+        call. If the last call was more than `lead_s` ago, the stage has come to rest: older setpoints are
+        dropped, and `stood_still` is counted.
         """
         if self._last_ns is not None and now_ns - self._last_ns > self._settings.lead_s * 1e9:
             self._link.counters["stood_still"] += 1
@@ -398,7 +416,7 @@ class ZaberExchange:
             self._link.counters["stops_not_sent"] += 1  # the bounded target stops it
 
     def rest(self) -> None:
-        """Stops, and waits until the stage is at rest. DeviceError: it does not answer or come to rest."""
+        """Sends a stop, waits up to 2 s until the stage is idle. DeviceError: no answer, or still busy."""
         self._talk.ask("stop", tries=_MOST_SILENT)
         until_ns = self._clock.now_ns() + _REST_NS
         while self._clock.now_ns() < until_ns:
@@ -412,11 +430,11 @@ class ZaberExchange:
         return f"move abs {self.target(setpoint, now_ns)}"
 
     def target(self, setpoint: Wanted, now_ns: int) -> int:
-        """Target in microsteps: never further than `lead_s` ahead of the setpoint nor of where the stage is,
-        and within travel and limits.
+        """Returns the target in microsteps for a setpoint: at most `lead_s` ahead of it, and of where the
+        stage is. It is clamped to the travel and the limits of the device.
 
-        It is carried on by the time that the device needs to get it and by the distance that it brakes over,
-        v / 2A, so that a steady motion is not braked at each target.
+        The setpoint is extrapolated by its age, by the time that the device needs to get it, and by the
+        distance that it brakes over, v / 2A, so that a steady motion is not braked at each target.
         """
         settings, (position_m, velocity_m_s, stamp_ns) = self._settings, setpoint
         braking_s = 0.5 * abs(velocity_m_s) / settings.max_acceleration_m_s2
@@ -439,7 +457,9 @@ class ZaberExchange:
             self._link.counters[f"warning_{flag}"] += 1
 
     def _store(self, stamp_ns: int, position_m: float) -> None:
-        """Stores a position with its velocity, over two exchanges that are no further than 0.1 s apart."""
+        """Sets `reading` to a position with its velocity, the mean over the last three positions. A gap of
+        more than 0.1 s drops the older ones; a position alone has velocity 0.
+        """
         if self._positions and stamp_ns - self._positions[-1][0] > _GAP_NS:
             self._positions.clear()
         self._positions.append((stamp_ns, position_m))
@@ -523,7 +543,10 @@ class ZaberStage:
     # --- the conversation's thread ---
 
     def _converse(self, conversation: Conversation) -> Steps:
-        """Connects, requires travel and reference, and serves until the conversation ends."""
+        """Opens the port, sets the stage up, and exchanges setpoints and positions until the conversation
+        ends. Sets `calibration`; closes the port in any case. DeviceSetupError: travel beyond its limits, not
+        homed.
+        """
         stream = SerialStream(self.settings)
         try:
             self.link.advance(LinkState.OPEN)
@@ -539,7 +562,10 @@ class ZaberStage:
             stream.close()
 
     def _serve(self, conversation: Conversation, exchange: ZaberExchange) -> Steps:
-        """Exchanges until the conversation ends, at rest; after a fault only watches until re-armed."""
+        """Exchanges targets and positions until the conversation ends, then brings the stage to rest. After a
+        fault of the link it only reads positions until re-armed, then clears the stage's faults and goes on.
+        An exception sends a stop and passes.
+        """
         begun = self.link.inhibited is None
         self.link.advance(LinkState.CONFIGURED)
         try:

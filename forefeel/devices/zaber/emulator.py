@@ -75,7 +75,7 @@ class ZaberAxis:
         self.change = (self.velocity - before) / STEP_S
 
     def _move(self) -> None:
-        """Moves on by one step; stalls where it is stuck, ends a motion that rests at its goal."""
+        """Advances velocity and position by 1 ms; stalls if stuck, ends a motion at rest at its goal."""
         wanted, most = self._wanted(), self.acceleration * STEP_S
         self.velocity = max(self.velocity - most, min(self.velocity + most, wanted))
         if self.velocity and self.stuck:
@@ -105,7 +105,7 @@ class ZaberAxis:
         return copysign(min(self.homing_speed if homing else self.maximum_speed, largest), distance)
 
     def _stall(self) -> None:
-        """Stands where it is; after 50 ms ends the motion with FS, at once one that is to stop."""
+        """Sets the velocity to 0; after 50 ms ends the motion and sets FS; a stop ends at once, without."""
         self.velocity = 0.0
         self._stalled_s += STEP_S
         if self._stalled_s >= _STALL_S and self.motion is not AxisMode.STOP:
@@ -214,8 +214,8 @@ class ZaberDevice:
         return sent
 
     def provoke(self, fault: str) -> None:
-        """`drive_fault`: the driver goes off (FD); `stuck`: the axis is blocked until `free`; `power_cycle`:
-        it loses its reference.
+        """Begins a fault: `drive_fault`: the driver goes off (FD); `stuck`: the axis is blocked until `free`;
+        any other (`power_cycle`): it loses its reference.
         """
         if fault == "drive_fault":
             self.axis.enabled = False
@@ -238,7 +238,9 @@ class ZaberDevice:
     # --- lines ---
 
     def _line(self, line: bytes) -> None:
-        """Obeys and answers one line; ignores noise, wrong checksums and other addresses."""
+        """Runs one command line and appends the reply to what is sent, a rejection too. Ignores and counts
+        noise and wrong checksums; ignores commands to other addresses.
+        """
         _, slash, rest = line.partition(b"/")
         body, colon, checksum = rest.rpartition(b":")
         if not slash or not rest.isascii() or (colon and checksum != b"%02X" % lrc(body)):
@@ -261,7 +263,9 @@ class ZaberDevice:
         self._sent += answer + b"\r\n"
 
     def _do(self, axis: int, words: list[str]) -> str:
-        """Runs a command; returns the data of its reply, or raises RejectedCommandError."""
+        """Runs a command; returns the data of its reply. RejectedCommandError: an axis above 1, an unknown
+        command, or wrong arguments.
+        """
         if axis > 1:
             raise RejectedCommandError("BADAXIS")
         name, *args = words or [""]
@@ -275,7 +279,7 @@ class ZaberDevice:
     # --- settings and motion ---
 
     def _get(self, args: list[str]) -> str:
-        """Value of a setting or of the axis, as text."""
+        """Returns a setting, position or limit as text. RejectedCommandError: any other name."""
         low, high = self.axis.limits
         shown = {"pos": round(self.axis.reported), "limit.min": low, "limit.max": high}
         known = {**self._fixed, **self._settings, **shown}
@@ -284,7 +288,9 @@ class ZaberDevice:
         return f"{known[args[0]]}"
 
     def _set(self, args: list[str]) -> str:
-        """Sets a setting to a whole number within its range."""
+        """Sets a setting to a whole number and applies it to the axis; returns `0`. RejectedCommandError: an
+        unknown setting, or a value out of its range.
+        """
         name = args[0] if args else ""
         if name not in self._settings:
             raise RejectedCommandError("BADCOMMAND")
@@ -300,7 +306,9 @@ class ZaberDevice:
         axis.acceleration = settings["accel"] / ACCELERATION_DATA
 
     def _move(self, args: list[str]) -> str:
-        """Begins a motion to an end of the travel or to a position; no other `move` is known."""
+        """Begins a motion to an end of the travel (`min`, `max`) or to a position (`abs`); returns `0`.
+        RejectedCommandError: another kind, a position beyond the limits, or the driver is off.
+        """
         kind, *rest = args or [""]
         low, high = self.axis.limits
         if kind in ("min", "max"):
@@ -310,7 +318,9 @@ class ZaberDevice:
         return self._begin([], AxisMode.POSITION, _whole(rest, low, high))
 
     def _begin(self, args: list[str], motion: AxisMode, goal: float = 0.0) -> str:
-        """Begins a motion; rejects arguments, and any motion while the driver is off."""
+        """Begins a motion and returns `0`, the data of the reply. RejectedCommandError: there are `args`, or
+        the driver is off.
+        """
         if args:
             raise RejectedCommandError("BADDATA")
         if not self.axis.enabled:
@@ -325,7 +335,9 @@ class ZaberDevice:
         return "0"
 
     def _warnings(self, args: list[str]) -> str:
-        """Number and names of the flags; `clear` then clears FS and those that are no faults."""
+        """Returns the number and names of the flags that are set, the gravest first. With `clear` it then
+        clears FS and those that are no faults. RejectedCommandError: any other argument.
+        """
         if args not in ([], ["clear"]):
             raise RejectedCommandError("BADDATA")
         flags = self._flags()
@@ -356,6 +368,9 @@ _BEHIND_M = 0.001  # m, how far the stage's own limits lie beyond the travel of 
 
 
 def build(settings: ZaberSettings, around: Surroundings, leave: ExitStack) -> SerialBench:
+    """Builds the emulated stage on the port of the settings, for `Emulation`; the port is not opened yet. Its
+    own limits lie 1 mm beyond the travel; its motion moves the simulated vessel.
+    """
     low_m, high_m = sorted(settings.sign * end_m for end_m in settings.travel_m)
     model = ZaberModel(
         address=settings.device,

@@ -62,7 +62,8 @@ class ZaberHoming:
         return self._opened().talk.number("get pos")
 
     def travel_ends(self, velocity_m_s: float, timeout_s: float = 120.0) -> tuple[float, float]:
-        """Runs to both limits at that speed and stays at the lower; the ends in microsteps.
+        """Runs to both limits of the device, no faster than that, and stays at the lower one. Returns (lower,
+        upper) in microsteps; the maximum speed is as before at the end.
 
         Raises:
             DeviceError: as `home`.
@@ -79,7 +80,9 @@ class ZaberHoming:
             talk.ask(f"set maxspeed {int(usual)}")
 
     def _move(self, text: str, timeout_s: float) -> None:
-        """Commands a motion and waits for its end; DeviceError: a fault, or too long (then it is stopped)."""
+        """Sends the command of a motion and waits until the stage is idle. A stage that is not homed may
+        move. DeviceError: a rejection, a fault on the way, or too long, after which it is stopped.
+        """
         talk = self._opened().talk
         talk.ask(text)
         until_ns = self._clock.now_ns() + int(timeout_s * 1e9)

@@ -92,7 +92,7 @@ class CommandEncoder:
         self._next = 0
 
     def encode(self, axis: int, text: str) -> tuple[int, bytes]:
-        """Encodes a command with the next message id; (message id, line).
+        """Encodes a command with the next message id; returns (message id, line).
 
         Where the command ends in a number, ids are passed over until the checksum ends in a letter: if the
         colon is damaged or lost on the way, the line is no valid command with a longer number.
@@ -119,7 +119,9 @@ class Parser:
         self._partial = b""
 
     def feed(self, data: bytes) -> list[Reply]:
-        """The replies in the lines that are complete now; a line that gets too long is dropped."""
+        """Returns the replies in the lines that are complete now; damaged or too long ones are counted and
+        dropped.
+        """
         *lines, partial = _ENDS.split(self._partial + data)
         if len(partial) > _MAX_LINE_BYTES:
             self.dropped["overlong"] += 1
@@ -128,7 +130,9 @@ class Parser:
         return [reply for line in lines if line and (reply := self._reply(line)) is not None]
 
     def _reply(self, line: bytes) -> Reply | None:
-        """Parses a line, or what begins within it where its beginning is damaged; None, counted: no reply."""
+        """Parses a line; where its beginning is damaged, from a later `@` on. None, and counted: no reply in
+        it.
+        """
         if len(line) > _MAX_LINE_BYTES:
             self.dropped["overlong"] += 1
             return None
@@ -154,7 +158,9 @@ class Parser:
 
 
 def parse(line: bytes, checksums: bool) -> Reply | str:
-    """Parses a line without its end; `bad_checksum` or `malformed` where it is no reply."""
+    """Parses a line without its end; returns `bad_checksum` or `malformed` where it is no reply. `checksums`:
+    a line without one is a bad one.
+    """
     match = _CHECKSUM.search(line)
     if match is not None:
         body = line[: match.start()]
