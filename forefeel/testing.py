@@ -310,8 +310,7 @@ class EmulatedBench:
 
     @contextmanager
     def opened(self) -> Iterator[Any]:
-        """Makes and opens a new driver for the length of the block; closes it, also if it can not be opened.
-        """
+        """Makes and opens a new driver for the length of the block; closes it, also if the opening fails."""
         device = self.make()
         try:
             device.open()

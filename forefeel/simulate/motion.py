@@ -92,8 +92,7 @@ class Hand:
         ]
 
     def at(self, t: Array) -> Course:
-        """Position m, velocity m/s and acceleration m/s^2 at the times t in s, each shape (n,); t from 0 on.
-        """
+        """Position m, velocity m/s and acceleration m/s^2 at the times t >= 0 in s, each shape (n,)."""
         stroke = np.searchsorted(self._begins, t, side="right") - 1
         length, duration = self._tos[stroke] - self._froms[stroke], self._moves[stroke]
         s = np.clip((t - self._begins[stroke]) / duration, 0.0, 1.0)
