@@ -52,7 +52,9 @@ def _greet(settings: RouterSettings, notice: str) -> None:
 
 
 def _watch(session: zenoh.Session, duration_s: float | None, stop: Stop) -> None:
-    """Says whose link comes or goes, until a signal or the duration."""
+    """Prints who connects to the router or leaves, at first also who is there, until a signal or the
+    duration; attends systemd's watchdog.
+    """
     channel: zenoh.handlers.RingChannel[zenoh.LinkEvent] = zenoh.handlers.RingChannel(_MOST_EVENTS)
     looks = count(1)
     attend = service_watchdog(lambda: "routing", lambda: next(looks))

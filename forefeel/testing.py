@@ -319,7 +319,9 @@ class EmulatedBench:
             device.close()
 
     def plug(self, plugged: bool) -> None:
-        """Puts the host's cable in, or pulls it."""
+        """Plugs the cable between host and emulated device in, or pulls it: serial line, CAN networks, or,
+        for another device, its faults `plug` and `unplug`.
+        """
         if self.line is not None:
             self.line.plugged = plugged
         elif self.on_can:
@@ -492,7 +494,9 @@ class LoadCellContract(DriverContract):
         return list(device.read(bench.time.now_ns(), None))
 
     def require_fault(self, bench: EmulatedBench, device: Any) -> None:  # noqa: ANN401
-        """Reads until the driver raises or has no new valid reading for a while, else AssertionError."""
+        """Reads until the driver raises, or has no new valid reading for `stale_s`, at least 0.2 s;
+        AssertionError: neither within `noticed_s`.
+        """
         newest_ns = bench.time.now_ns()
 
         def failed() -> bool:

@@ -73,8 +73,8 @@ def examples_of(command: Callable[..., None]) -> tuple[str, ...]:
 
 @contextmanager
 def extra(name: str, *packages: str) -> Iterator[None]:
-    """Turns an ImportError of the body into one line that says how to install `forefeel[name]`, if the module
-    is of `packages`; the lack of another module passes as it is.
+    """Turns a ModuleNotFoundError of the body into one line that says how to install `forefeel[name]`, if the
+    module is of `packages`; that of another module passes as it is.
 
     Raises:
         ConfigurationError: one of `packages` is not installed.
