@@ -28,7 +28,10 @@ def run() -> None:
 
 
 def main() -> None:
-    """Runs the command of `sys.argv`; an error is one line and an exit code."""
+    """Runs the command of `sys.argv` and always exits: code 2 on InputError, 1 on another ForefeelError, each
+    one line on stderr. `estop` runs before typer is imported. UnclearError: the line is the command to type,
+    with the columns that it lacks.
+    """
     try:
         code = _stop() if sys.argv[1:2] == ["estop"] else _command()
     except UnclearError as error:
@@ -55,7 +58,9 @@ def _stop() -> int:
 
 
 def _command() -> int | None:
-    """Runs a command of typer; wrong usage ends in one line and typer's exit code."""
+    """Runs the command line of typer; returns the code of a `typer.Exit`, else None. Wrong usage prints one
+    line and exits with typer's code. Errors of the command pass.
+    """
     import typer  # noqa: PLC0415 - as in `_stop`
 
     from forefeel.cli import app  # noqa: PLC0415 - so that an import error of an extra is one line, too

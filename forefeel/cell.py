@@ -45,7 +45,9 @@ class Cell:
         self._newest: dict[str, dict[str, Any]] = {}
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        """Stores the message of a payload and wakes `wait`; ignores what is malformed or not in `_FIELDS`."""
+        """Keeps the newest message of a payload for its axis and wakes `wait`; ignores a payload that is
+        malformed, or of a topic that is not in `_FIELDS`.
+        """
         parsed = parse_key(key)
         if parsed is None or parsed[2].name not in _FIELDS:
             return
@@ -100,7 +102,8 @@ class Cell:
 
 @contextmanager
 def connect(config: str | Path, *, insecure: bool = False) -> Iterator[Cell]:
-    """Connects to a running cell by the settings file of its master or of a viewer.
+    """Connects to a running cell for the length of the block, by the settings file of its master or of a
+    viewer; gives the Cell.
 
     Args:
         config: the YAML file. With certificates only a viewer receives predictions, and the master has to
@@ -108,7 +111,7 @@ def connect(config: str | Path, *, insecure: bool = False) -> Iterator[Cell]:
         insecure: goes without certificates outside this host.
 
     Raises:
-        InputError: the file, a certificate or an endpoint can not be used.
+        InputError: the file is a slave's, or it, a certificate or an endpoint can not be used.
     """
     sender, faults = sender_of(Path(config), insecure), list[Exception]()
     if sender.role == "slave":

@@ -41,10 +41,12 @@ def die_with(parent: int, number: signal.Signals) -> None:
 
 
 def listening_at(address: str, port: int) -> socket.socket:
-    """Socket that listens before its server is there: inherited of the parent, or else a new one.
+    """Socket that listens at address and port before its server is there: the one inherited from the parent
+    (the descriptor in the variable `LISTENING`, which is removed; address and port do not count), else a new
+    one.
 
     Raises:
-        EndpointError: the port is taken, or not at this host.
+        EndpointError: the port is taken, or the address is not of this host.
     """
     inherited = os.environ.pop(LISTENING, None)
     if inherited is not None:

@@ -112,7 +112,9 @@ class _Group(TyperGroup):
             self._in_help = False
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
-        """Writes `SECTIONS`: an example a line, with the summary of its command."""
+        """Writes `SECTIONS`: on each line an example and the summary of its command; below a group its
+        commands as typer does.
+        """
         if self.commands.prefix:
             super().format_commands(ctx, formatter)
             return
@@ -136,7 +138,9 @@ class _Group(TyperGroup):
 
 @cache
 def _load(words: str) -> Any:  # noqa: ANN401 - typer's own class
-    """Imports a command and gives it to typer, with help and examples; or makes a group of `GROUPS`."""
+    """Makes typer's command of `words`, a key of `COMMANDS` such as `pki show`: imports its function, and
+    adds help, docstring and examples. Makes a group of a name in `GROUPS`. Cached.
+    """
     if words in GROUPS:
         return typer.main.get_command(_group(words, GROUPS[words]))
     module, _, name = words.partition(" ")

@@ -50,10 +50,11 @@ def import_drivers(settings: DaemonSettings) -> None:
 
 
 def device_of(config: Path, axis: str, slot: Slot) -> ConfiguredDevice:
-    """Finds the device in that slot of an axis of a slave's YAML file.
+    """Loads a slave's YAML file and finds the device in that slot of an axis; nothing is opened. A device
+    without hardware behind it (a simulated one) does not count.
 
     Raises:
-        ConfigurationError: no such axis, or no hardware in that slot.
+        ConfigurationError: the file is wrong or no slave's, no such axis, or no hardware in that slot.
     """
     devices = [device for device in configured(load_daemon(config, "slave")) if device.driver.slot == slot]
     real = {device.axis: device for device in devices if device.settings.hardware}

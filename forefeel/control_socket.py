@@ -74,7 +74,9 @@ class ControlSocket:
 
     @asynccontextmanager
     async def serving(self, act: Act) -> AsyncIterator[None]:
-        """Answers requests by `act` while entered; cancels what is not answered by then."""
+        """Answers each request by `act` while entered, several at a time; at the end cancels those that are
+        not answered yet.
+        """
         loop = asyncio.get_running_loop()
         loop.add_reader(self._socket, self._receive, act)
         try:
@@ -86,7 +88,9 @@ class ControlSocket:
             await asyncio.gather(*self._requests, return_exceptions=True)
 
     def _receive(self, act: Act) -> None:
-        """Starts a task that answers one request."""
+        """Reads one datagram and starts a task that answers it, kept in `_requests` until it is done; returns
+        at once when there is none.
+        """
         try:
             data, asker = self._socket.recvfrom(_LONGEST_REQUEST)
         except BlockingIOError:
@@ -96,7 +100,9 @@ class ControlSocket:
         task.add_done_callback(self._requests.discard)
 
     async def _reply(self, act: Act, data: bytes, asker: str | bytes) -> None:
-        """Sends the answer of `act`, or why the request was not understood."""
+        """Validates the request, awaits `act` and sends its answer to the asker as JSON; for a malformed
+        request an answer with `done` False that says why. An error of sending is ignored.
+        """
         try:
             answer = await act(_REQUEST.validate_json(data))
         except ValidationError as error:
@@ -120,7 +126,11 @@ class SlaveRequests:
         return self._answer(await _until(_STOPS_S, self._stopped), *self._lines())
 
     async def _clear(self, name: str | None) -> Answer:
-        """Clears that axis, or all; not done where a cause persists, or the disk does not have it in time."""
+        """Clears what is latched at the axis `name`, or at all (None), and notes it in the event log; the
+        Answer tells what was cleared and what not. Not done: no such axis, no tick that clears, an axis that
+        is halted within 0.5 s after, or a clearing that is not on the disk within 2 s. Done, and not noted,
+        if nothing was latched.
+        """
         axes = self._daemon.axes
         names = [axis.name for axis in axes]
         if name is not None and name not in names:
@@ -142,7 +152,10 @@ class SlaveRequests:
         return self._logged(not (still or unwritten), *lines, *unwritten)
 
     async def _clear_in_tick(self, name: str | None) -> "Sequence[Clearing] | str":
-        """Has the next tick clear; returns what it cleared, or a line on why that failed or is not known."""
+        """Asks the next tick to clear the axis `name`, or all (None), and waits 1 s at most; returns its
+        result for each axis, or a line of text: the tick hangs, so that nothing is known, or it never came
+        and nothing is cleared.
+        """
         asked = self._daemon.clear(name)
         try:
             await asyncio.wait([asyncio.wrap_future(asked)], timeout=_TICK_S)
@@ -194,6 +207,9 @@ class MasterRequests:
         return Answer(done, tuple(self._lines()), "master")
 
     def _lines(self) -> list[str]:
+        """Lines with the state and reason of the slave, one for each axis; where none was received, `not
+        heard` and the cause of the session.
+        """
         lines = []
         for axis in self._daemon.axes:
             slave, cause = axis.slave_state, axis.session.cause(self._clock.now_ns())

@@ -28,10 +28,11 @@ def load_daemon(path: Path, *roles: str) -> "SlaveSettings | MasterSettings":
 
 
 def load_any(path: Path, *roles: str) -> Settings:
-    """Loads any of our YAML files as the settings of its `role`; `roles`: those that are accepted, or all.
+    """Loads a YAML file as the validated settings of its `role`, whose module alone is imported. `roles`:
+    those that are accepted, or all of `_KINDS`. Relative paths in it count from its folder.
 
     Raises:
-        ConfigurationError: one line on the first mistake.
+        ConfigurationError: no such file, another role, or the first wrong value, in one line.
     """
     data, lines = load_yaml(path)
     role, expected = data.get("role"), [repr(name) for name in roles or _KINDS]

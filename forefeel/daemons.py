@@ -61,7 +61,9 @@ def run_daemon(
     `check_exposure`.
 
     Raises:
-        InputError: an endpoint or a file can not be used, or no slave answers. RunError: a fault ended it.
+        InputError: no endpoint, one or a file that can not be used, or no slave or router that answers in
+            time.
+        RunError: a fault ended it.
     """
     if not (settings.transport.listen or settings.transport.connect):
         raise ConfigurationError("transport: no endpoint; expected one in listen or in connect")
@@ -77,8 +79,8 @@ def run_daemon(
 
 
 def _load(settings: "SlaveSettings | MasterSettings") -> None:
-    """Imports and compiles all that the daemon needs, before real-time priority: to compile for a second at
-    it would stop every other process for 50 ms.
+    """Imports the daemon's module and its drivers, and compiles the kernels of a master's predictor, before
+    real-time priority: to compile for a second at it would stop every other process for 50 ms.
     """
     import_module(f"forefeel.{settings.role}.daemon")  # each daemon loads only its own side
     import_drivers(settings)
@@ -95,7 +97,10 @@ async def slave(
     host: Host | None = None,
     connect: Connect = ParallelTransport.open,
 ) -> None:
-    """Runs a slave until it is told to end, then brings the stage to rest and closes devices and files."""
+    """Runs a slave until it is told to end or `duration_s` is over, then brings the stage to rest and closes
+    devices and files; returns at once when told to end before its transport is open. RunError: a fault ended
+    it. NoRouterError: no router within `duration_s`. `connect` opens the transport.
+    """
     from forefeel.slave.daemon import SlaveDaemon  # noqa: PLC0415 - each daemon loads only its own side
 
     with _process(settings, host, connect) as process:
@@ -132,7 +137,11 @@ async def master(
     host: Host | None = None,
     connect: Connect = ParallelTransport.open,
 ) -> None:
-    """Runs a master until it is told to end, then releases the handle and closes it."""
+    """Runs a master until it is told to end, `duration_s` after its sessions opened, or the end of a played
+    motion; then releases the handle and closes it. EndpointError: no router or session within
+    `peer_timeout_s` of the settings. ConfigurationError: the slave's settings differ. RunError: a fault ended
+    it.
+    """
     from forefeel.master.daemon import MasterDaemon  # noqa: PLC0415 - as above
 
     with _process(settings, host, connect) as process:
@@ -173,7 +182,9 @@ class Process:
         say(f"{self.settings.role}: {text}")
 
     def answer_watch(self, whom: str, silence: Callable[[], str]) -> AnswerWatch:
-        """Makes a watch that says on the console why `whom` does not answer."""
+        """Makes a watch that says on the console why `whom` does not answer; `silence` gives the text where
+        no endpoint is obstructed.
+        """
         return AnswerWatch(
             self.find_obstacles,
             silence,
@@ -182,9 +193,9 @@ class Process:
         )
 
     async def open_transport(self, insecure: bool, timeout_s: float | None) -> ParallelTransport | None:
-        """Opens the transport, again until its router answers if it has one; None when told to end.
-
-        It is opened in a thread, for that may take ten seconds. NoRouterError: none within `timeout_s`.
+        """Opens the transport in a thread, for that may take ten seconds; again where no router answers. Says
+        meanwhile why it waits; then says its notice and raises the priority of the threads. None: told to end
+        before. NoRouterError: none within `timeout_s` (None: no limit); other errors of opening pass.
         """
         settings, runtime = self.settings, self.runtime
         watch = self.answer_watch("the router", lambda: silence_cause(settings.transport, False, ""))
@@ -228,7 +239,9 @@ class Process:
 
     @contextmanager
     def closing(self, transport: ParallelTransport, kind: Callable[..., D]) -> Iterator[D]:
-        """Composes the daemon and closes it in the end, whatever happens."""
+        """Makes the daemon of class `kind` on the transport, and closes it at the end of the block, whatever
+        happens; closes the transport if the making fails.
+        """
         with ExitStack() as failed:
             failed.callback(transport.close)
             daemon = kind(self.settings, transport, self.runtime, lambda: randbits(62) | 1, self.event_sink)
@@ -239,7 +252,9 @@ class Process:
             daemon.close(self.runtime.clock.now_ns())
 
     def watch(self, axes: "Sequence[SlaveAxis | MasterAxis]") -> ServiceWatchdog:
-        """Starts the tasks that print notices and tell systemd the status."""
+        """Starts the tasks that print the axes' notices and tell systemd status and liveness; sets `notices`;
+        returns the watchdog, to be told when the daemon stops.
+        """
         self.notices = {axis.name: axis.events.notices for axis in axes}
         self.runtime.task("notices", _NOTICES_NS, self._tell_notices)
 
@@ -263,12 +278,12 @@ class Process:
 
 @contextmanager
 def _process(settings: DaemonSettings, host: Host | None, connect: Connect) -> Iterator[Process]:
-    """Opens runtime, state folder and control socket of a daemon for the length of a block. Once the
-    transport is open, every thread of the process is ahead of the machine's other work, below the loop
-    (docs/decisions/0008).
+    """Opens runtime, state folder, event log and control socket of a daemon for the length of a block; gives
+    the Process. A signal stops the runtime. The event log gets the start, and the end with its cause.
 
     The process is settled before a device is opened: it would hear nothing of us meanwhile. The control
-    socket is open before the network: a stop needs no connection.
+    socket is open before the network: a stop needs no connection. Once the transport is open, every thread is
+    ahead of the machine's other work, below the loop (docs/decisions/0008).
 
     Raises:
         ConfigurationError: the folder is in use, or a file can not be used.
@@ -316,8 +331,9 @@ class SessionWatch:
         self._open = self._lost = False
 
     def look(self, now_ns: int) -> bool:
-        """Prints changes of the sessions; true when every axis has one. To be called many times a second.
-        ConfigurationError: the settings of both ends differ, which does not come right by waiting.
+        """Prints that a session is lost or open again, and every 5 s why one is missing; True when every axis
+        has one. Sets `obstacle` of the missing ones to what a probe found. To be called many times a second.
+        ConfigurationError: the slave refuses, for the settings of both ends differ: waiting does not help.
         """
         missing = self._missing()
         if not missing:
@@ -338,8 +354,9 @@ class SessionWatch:
         return False
 
     async def opened(self, timeout_s: float | None) -> None:
-        """Waits visibly until every axis has its session, or the daemon is told to end. EndpointError: not
-        within `timeout_s`. ConfigurationError: the slave's settings differ.
+        """Waits until every axis has its session, or the daemon is told to end; prints why not, as `look`.
+        EndpointError: not within `timeout_s` (None: no limit). ConfigurationError: the slave's settings
+        differ.
         """
         start_ns = self._runtime.clock.now_ns()
         while not self._runtime.stopping.is_set():
@@ -361,7 +378,10 @@ class SessionWatch:
         return sorted(missing, key=lambda axis: axis.session.state is not SessionState.MISMATCH)
 
     def _known(self, axis: "MasterAxis", now_ns: int) -> str:
-        """Cause that is known without a probe, else empty. A master that listens can not tell its peers."""
+        """Cause why the axis has no session, if known without a probe: the transport's hint, the session's
+        own where its slave is heard, or that nothing answers on a connection; else empty. A master that
+        listens can not tell its peers.
+        """
         if self._transport.hint:
             return self._transport.hint
         if axis.session.is_heard(now_ns):
@@ -381,8 +401,8 @@ async def _until_end(
     look: Callable[[int], object],
     finished: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Returns when the daemon is to end: told to, the duration is over, or the motion that is played has
-    ended. Calls `look` meanwhile.
+    """Calls `look` with the stamp every 50 ms until the daemon is to end: told to, `duration_s` from now is
+    over (None: no limit), or `finished()`.
     """
     start_ns = runtime.clock.now_ns()
     while not runtime.stopping.is_set():
@@ -407,7 +427,9 @@ def _close_unused(opening: "Future[ParallelTransport]") -> None:
 
 
 def _described(settings: "SlaveSettings | MasterSettings") -> str:
-    """One line with axes, caveats, endpoints and certificates."""
+    """One line for the console: axes with their limits, caveats, impairment, endpoints and certificates; what
+    is empty is left out.
+    """
     transport = settings.transport
     ways = {
         "axes": [axis.name + axis.limits.meaning for axis in settings.axes],
@@ -425,7 +447,9 @@ def _why(runtime: RealRuntime) -> str:
 
 
 def _facts(settings: DaemonSettings) -> dict[str, str]:
-    """Facts for the first line of the event log."""
+    """Facts for the first line of the event log, by name: role, cell, version, drivers, a hash of the
+    settings, endpoints.
+    """
     try:
         software = version("forefeel")
     except PackageNotFoundError:  # run from a source tree

@@ -35,14 +35,15 @@ HIDDEN: Effects = {
 
 
 def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float = RUN_S) -> None:
-    """Makes both runs at 300 ms of round trip with a live page, and the diagnosis between; prints ten lines.
+    """Makes both runs at 300 ms of round trip with a live page, and the diagnosis between; prints ten lines,
+    and keeps the page until the viewer ends. `duration_s`: of each run.
 
     `out` has the second run; `out/first` the first, `out/diagnosis` what it taught. The second run starts
     with the model of the diagnosis, or, where that does not name what was hidden, with the first run's prior.
 
     Raises:
         InputError: the folder can not be used.
-        RunError: a run failed, or was interrupted.
+        RunError: a run failed, was interrupted, or its slave was never armed.
     """
     first_out, diagnosis_out = out / "first", out / "diagnosis"
     vessel, hidden, prior = out / "vessel.yaml", out / "hidden.yaml", out / "prior"
@@ -94,7 +95,9 @@ def _diagnose(recording: Path, folder: Path) -> Diagnosis:
 
 
 def _lines(first: RunReport, diagnosis: Diagnosis, second: RunReport, out: Path, page: str) -> list[str]:
-    """Lines for the terminal, ten at most; the last has the felt errors of both runs."""
+    """Lines for the terminal, ten at most: both runs, what was hidden and what was named, files, `page` (text
+    on the page), the next command; the last has the felt errors of both runs.
+    """
     before, after = (run.transparency or Transparency() for run in (first, second))
     late, felt, now = (quantity(error.rms_n, "N") for error in (before.held, before.felt, after.felt))
     last = f"Felt error  {late} if the late force were shown; {felt} in the first run; {now} now"
@@ -125,6 +128,7 @@ def _start_text(diagnosis: Diagnosis) -> str:
 
 
 def _diagnosis_text(diagnosis: Diagnosis) -> str:
+    """Text on how many hidden causes the diagnosis named, with their parameters; if none, the verdict."""
     named = _hidden_causes(diagnosis)
     if not named:
         return f"{diagnosis.verdict}; it names nothing that was hidden"

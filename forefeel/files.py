@@ -12,16 +12,17 @@ from forefeel.interrupt import at_last, signal_flag
 
 
 def fresh_folder(folder: Path, ours: Sequence[str], what: str, overwrite: bool) -> None:
-    """Makes the folder where it is missing; earlier results stay until the command replaces them.
+    """Makes the folder where it is missing and tests that it can be written; earlier results stay until the
+    command replaces them.
 
     Args:
         folder: what `--out` says.
-        ours: names of the files that the command writes; no other is touched.
+        ours: names of the files that the command writes; no other is looked at.
         what: the earlier results in words, such as `an earlier run`.
         overwrite: whether they may be replaced.
 
     Raises:
-        ConfigurationError: a file, not writable, or with earlier results.
+        ConfigurationError: a file, not writable, or with earlier results that may not be replaced.
     """
     if folder.exists() and not folder.is_dir():
         raise ConfigurationError(f"--out {folder}: is a file; expected a folder")
@@ -42,7 +43,11 @@ def folder_named_after(source: Path) -> Path:
 
 
 def check_new_file(out: Path, suffixes: Sequence[str], expected: str, overwrite: bool) -> None:
-    """Raises ConfigurationError: another suffix than is expected, a folder, or a file that may not go."""
+    """Refuses a path of `--out`; touches nothing. `suffixes`: in lower case; `expected`: the same in words.
+
+    Raises:
+        ConfigurationError: another suffix, a folder, or a file that exists without `overwrite`.
+    """
     if out.suffix.lower() not in suffixes:
         raise ConfigurationError(f"--out {out}: suffix {out.suffix!r}, expected {expected}")
     if out.is_dir():
@@ -70,10 +75,11 @@ def write_whole(path: Path, text: str, what: str = "the report") -> None:
 
 @contextmanager
 def whole(path: Path, what: str) -> Iterator[Path]:
-    """Gives a path beside the file, and puts what the body wrote there in its place at once.
+    """Gives a temporary path beside `path` to write to, and at the end of the body moves that file to `path`
+    at once; the temporary file goes whatever ends the body. Makes the folder. `what`: for the error text.
 
     Raises:
-        RunError: it can not be written.
+        RunError: an OSError, of the body, too.
     """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:

@@ -56,7 +56,10 @@ class Stop:
             raise KeyboardInterrupt
 
     def handle(self, _number: int, _frame: FrameType | None) -> None:
-        """Handles a signal as the innermost body wants; without one, or at the second, ends the process."""
+        """Handles a signal as the innermost body wants: raises KeyboardInterrupt in one of `breakable`, calls
+        its `on_signal`, or only sets `first_s`, the flag. Ends the process without a body, or at a second
+        signal in a body without `on_signal`. Ignores signals within 0.5 s after the first.
+        """
         now_s, again = time.monotonic(), self.first_s is not None
         if self.first_s is not None and now_s - self.first_s < _ONE_S:
             return
@@ -72,7 +75,9 @@ class Stop:
             self.end()
 
     def end(self) -> None:
-        """Does the acts of `at_last`, says what is left and exits; the main thread does nothing more."""
+        """Ends the process at once with exit code 1: does the acts of `at_last`, the newest first, whatever
+        they raise, and prints the innermost text on what is left. Never returns; later signals kill.
+        """
         for number in SIGNALS:
             signal.signal(number, signal.SIG_DFL)
         text = self.texts[-1]() if self.texts else "interrupted"
@@ -88,7 +93,8 @@ _stop = Stop()
 
 @contextmanager
 def signal_flag(on_signal: Callable[[], object] | None = None) -> Iterator[Stop]:
-    """Sets a flag at the first signal, for which the body asks `Stop`; a second one ends the process at once.
+    """Gives `Stop`, whose flag the first signal in the body sets (`wanted`, `check`); a second one ends the
+    process at once.
 
     A signal that the body did not ask for ends the process after the outermost body, whose files are whole.
 
@@ -108,11 +114,12 @@ def signal_flag(on_signal: Callable[[], object] | None = None) -> Iterator[Stop]
 
 @contextmanager
 def breakable(ended: str) -> Iterator[None]:
-    """Raises KeyboardInterrupt in the body at the first signal: for devices and persons that are waited for
-    in plain Python, where nothing swallows it. No later one cuts the end of the body short.
+    """Raises KeyboardInterrupt in the body at the first signal, and turns that into a RunError: for devices
+    and persons that are waited for in plain Python, where nothing swallows it. No later signal cuts the end
+    of the body short.
 
     Raises:
-        RunError: a signal came; `ended` says what it ended.
+        RunError: a signal came; `ended` is its text.
     """
     with signal_flag(lambda: None):
         _stop.breaks = True
@@ -126,7 +133,9 @@ def breakable(ended: str) -> Iterator[None]:
 
 @contextmanager
 def at_last(act: Callable[[], object]) -> Iterator[None]:
-    """Does `act` at the end of the body, whatever ends it; a signal in between does it twice."""
+    """Calls `act` at the end of the body, whatever ends it, also a signal that ends the process in place; one
+    that comes during the call repeats it.
+    """
     _stop.last.append(act)
     try:
         yield
@@ -137,13 +146,14 @@ def at_last(act: Callable[[], object]) -> Iterator[None]:
 
 @contextmanager
 def ends_in_order(what: str, folder: Path | None = None) -> Iterator[list[str]]:
-    """Turns a signal in the body into a failed run, in one line that says which files are left.
+    """Ends a command at a signal in the body with one line that says which files are left: by RunError where
+    the body asks (`Stop.check`), else in place with exit code 1.
 
     Args:
         what: what is interrupted, in words.
-        folder: where the body writes. What it made of the path and left empty goes, however it ends.
+        folder: where the body writes. What it made of the path and left empty is removed, however it ends.
 
-    Gives a list for the names of the files that are there and whole.
+    Gives a list, to which the body adds the names of the files that are there and whole.
 
     Raises:
         RunError: a signal came, and the body looked (`Stop.check`).
@@ -183,7 +193,9 @@ def leave(code: int) -> NoReturn:
 
 @contextmanager
 def _handler_installed() -> Iterator[None]:
-    """Installs the handler for the outermost body, which begins without a signal; `nohup` is respected."""
+    """Installs `Stop.handle` for SIGINT, SIGTERM and SIGHUP (not where `nohup` has it ignored), clears the
+    flag of earlier signals, and restores the former handlers at the end; within another body it does nothing.
+    """
     if signal.getsignal(signal.SIGINT) == _stop.handle:
         yield
         return

@@ -49,7 +49,10 @@ class Model:
     contact: ContactModel
 
     def simulate(self, motion: Any) -> Recording:  # noqa: ANN401 - see `load`
-        """The force of the model along the motion of a recording, from rest at its start."""
+        """The force of the model along the motion of a recording, from rest at its start, as a Recording with
+        the same stamps. Its position is the recorded one, low-passed and some 8 ms late; the contact begins
+        anew after each gap. ConfigurationError: a force that is not finite.
+        """
         recording = _recording(motion)
         pieces = [
             MotionPiece(FollowedRecording(recording, part), recording.time_s[part])
@@ -96,7 +99,9 @@ class Diagnosis:
     __repr__ = __str__  # a notebook shows what a cell ends with
 
     def plot(self) -> "Figure":
-        """Force and what is left of it over time, as measured, simulated and extended; needs matplotlib."""
+        """Figure of matplotlib: force over time as measured, simulated and extended, and below what the
+        latter two leave of it. It is neither shown nor saved. ConfigurationError: matplotlib is missing.
+        """
         try:
             from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
         except ImportError as error:

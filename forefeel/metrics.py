@@ -63,7 +63,9 @@ class CellMetrics(Collector):
         self._newest: dict[tuple[str, str], tuple[Message, int]] = {}
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        """Counts a payload from the network, and stores a state; ignores axes beyond `_MOST_AXES`."""
+        """Counts the messages of a payload by axis and topic, and keeps the newest state or loop timing; one
+        that can not be decoded counts in `malformed`. Ignores keys of no topic, and axes beyond `_MOST_AXES`.
+        """
         parsed = parse_key(key)
         if parsed is None:
             return
@@ -82,6 +84,9 @@ class CellMetrics(Collector):
                 self.malformed += 1
 
     def collect(self) -> Iterator[Metric]:
+        """Yields the metric families of a scrape: messages by axis and topic, malformed payloads, ages in s
+        of the newest states, and what these say.
+        """
         families, now_ns = Families(), self._clock.now_ns()
         with self._lock:
             for (axis, topic), count in sorted(self._counts.items()):
@@ -95,7 +100,9 @@ class CellMetrics(Collector):
 
 
 def _add(families: Families, axis: str, role: str, message: Message) -> None:
-    """Adds the samples of a state or of a loop's timing."""
+    """Adds the samples of a slave's or master's state (safety state, motion, counters, clocks) or of a loop's
+    timing, in SI units; ignores other messages.
+    """
     match message:
         case SlaveState():
             for state in SafetyState:
@@ -123,7 +130,9 @@ def _add(families: Families, axis: str, role: str, message: Message) -> None:
 
 
 def _add_loop(families: Families, timing: LoopTiming, **labels: str) -> None:
-    """Adds lateness as a histogram in s, its sum from the middles of the bins, and the missed ticks."""
+    """Adds the lateness of a loop's ticks as a histogram in s, with its sum from the middles of the bins (the
+    open last one left out), and the count of missed ticks.
+    """
     ends = [*(f"{edge * 1e-6:g}" for edge in timing.edges_us), "+Inf"]
     buckets = list(zip(ends, accumulate(timing.counts), strict=False))
     mean_s = sum(
@@ -136,10 +145,11 @@ def _add_loop(families: Families, timing: LoopTiming, **labels: str) -> None:
 
 
 def serve(collector: Collector, address: str, port: int) -> tuple[WSGIServer, threading.Thread]:
-    """Serves the metrics at a port; `shutdown` of the server ends it.
+    """Starts a thread that serves the metrics over HTTP; returns (server, thread); `shutdown` of the server
+    ends it.
 
     Raises:
-        EndpointError: it can not be opened.
+        EndpointError: the port can not be opened.
     """
     registry = CollectorRegistry(auto_describe=False)
     registry.register(collector)
@@ -152,7 +162,8 @@ def serve(collector: Collector, address: str, port: int) -> tuple[WSGIServer, th
 def run_metrics(
     settings: ObserverSettings, address: str, port: int, duration_s: float | None, insecure: bool = False
 ) -> None:
-    """Serves until SIGINT, SIGTERM, SIGHUP or the duration.
+    """Serves the metrics of a cell over HTTP, as a viewer, until SIGINT, SIGTERM, SIGHUP or the duration;
+    says every 5 s why nobody is heard.
 
     Raises:
         InputError: an endpoint, a certificate or the port can not be used.

@@ -55,10 +55,11 @@ def observer(
     pki: Path | None,
     through_router: bool,
 ) -> ObserverSettings:
-    """Loads the settings from a file, or takes the options in its place.
+    """Loads the settings of a recorder or viewer from the file `config`, or makes them of the other options
+    in its place; `cell` None: `cell`.
 
     Raises:
-        ConfigurationError: both, neither, or a value that can not be used.
+        ConfigurationError: both given, neither `config` nor `connect`, or a value that can not be used.
     """
     if config is not None:
         check_config_alone(cell is not None, connect, pki, through_router)

@@ -59,7 +59,9 @@ class Reached:
 
 
 def reach(endpoint: str, identity: PartyFiles | None, other: str, timeout_s: float = TIMEOUT_S) -> Reached:
-    """Connects, shakes hands and hangs up in order. Blocks for some seconds at most, raises nothing.
+    """Probes an endpoint: connects by TCP, shakes hands for TLS, and hangs up in order; returns times or
+    obstacle. Blocks for some seconds at most, raises nothing. A malformed endpoint, or another protocol, is
+    not tried.
 
     Args:
         endpoint: where.
@@ -87,8 +89,9 @@ def reach(endpoint: str, identity: PartyFiles | None, other: str, timeout_s: flo
 
 
 def _shake_hands(plain: socket.socket, host: str, identity: PartyFiles, round_trip_s: float) -> float:
-    """Does the TLS handshake as Zenoh does, with our authority, the host's name and our certificate; returns
-    its duration in s. OSError: it failed.
+    """Does the TLS handshake as Zenoh does, with our authority, the host's name and our certificate, waits
+    0.2 s and two round trips for a refusal of ours, and closes; returns the handshake's duration in s.
+    OSError: it failed.
     """
     context = ssl.create_default_context(cafile=str(identity.authority))
     context.load_cert_chain(str(identity.certificate), str(identity.key))
@@ -104,7 +107,9 @@ def _shake_hands(plain: socket.socket, host: str, identity: PartyFiles, round_tr
 
 
 def _obstacle(error: Exception, where: str, other: str, connected: bool) -> Obstacle:
-    """Names the obstacle behind an error of connecting, and the remedy."""
+    """Obstacle behind an error of connecting, and the remedy. `connected`: TCP was; `other`: who is expected
+    there.
+    """
     why = getattr(error, "reason", None) or getattr(error, "strerror", None) or error
     match error:
         case ssl.SSLCertVerificationError():
@@ -125,9 +130,10 @@ def _obstacle(error: Exception, where: str, other: str, connected: bool) -> Obst
 
 
 def probe_of(transport: TransportSettings, party: Party, other: str) -> Probe:
-    """Makes the probe of connections to `transport.connect`; `other`: who is expected there, in a word.
+    """Makes a function that tries each endpoint of `transport.connect` and returns the obstacles; it blocks.
+    `other`: who is expected there, in a word.
 
-    `party`: whose certificates ours are, which a session reads once, when it opens.
+    `party`: whose certificates ours are, which are read now, once, as a session does.
 
     Raises:
         ConfigurationError: a file of `transport.pki` is missing or not what it should be.
@@ -144,7 +150,9 @@ def probe_of(transport: TransportSettings, party: Party, other: str) -> Probe:
 
 
 def silence_cause(transport: TransportSettings, connected: bool, missing: str) -> str:
-    """Text for silence without an obstacle: `missing` where connected, else no session, or nobody."""
+    """Text on why nobody answers though no endpoint is obstructed: connected, but `missing`; no Zenoh session
+    opens; or, at one that only listens, nobody has connected.
+    """
     where = ", ".join(map(address, transport.connect or transport.listen))
     if connected:
         return f"{where} is connected, but {missing}"
@@ -181,8 +189,9 @@ class AnswerWatch:
         self.last_cause = ""
 
     def look(self, now_ns: int, known: str = "") -> None:
-        """Every 5 s reports `known`, the cause where no probe is needed, or else starts a probe, whose result
-        is reported when it is done. To be called many times a second.
+        """Reports every 5 s, first after 5 s, why there is no answer: `known`, if the cause is known without
+        a probe, else the result of a probe, once that is done. Sets `last_cause`. To be called many times a
+        second.
         """
         if self._since_ns is None:
             self._since_ns, self._due_ns = now_ns, now_ns + _EVERY_NS
@@ -218,8 +227,11 @@ class AnswerWatch:
 def cell_watch(
     settings: TransportSettings, party: Party, transport: ZenohTransport, clock: Clock
 ) -> Callable[[bool], str]:
-    """Makes a function to be called often with whether anybody of the cell is heard: while nobody is, it
-    prints the cause every 5 s, and returns it.
+    """Makes a function to be called often, with True if anybody of the cell is heard: it prints every 5 s why
+    nobody is, and returns that cause; empty if somebody is, or no probe is done yet.
+
+    Raises:
+        ConfigurationError: a file of `settings.pki` is missing or not what it should be.
     """
 
     def nobody() -> str:
@@ -230,6 +242,7 @@ def cell_watch(
     watch = AnswerWatch(probe_of(settings, party, other), nobody, lambda why: say(f"nobody heard yet: {why}"))
 
     def look(answering: bool) -> str:
+        """Prints every 5 s why nobody is heard, unless `answering`; returns the cause, or empty."""
         if answering:
             watch.over()
             return ""

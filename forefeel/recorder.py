@@ -111,7 +111,9 @@ class Recorder:
         self._error = self._error or error
 
     def _run(self) -> None:
-        """Writes what has come every 25 ms until `close`; keeps the first error for `check`."""
+        """Runs in the recorder's thread until `close`: writes every 25 ms what has come, to the disk once a
+        second; at the end the counts of what was missed. Keeps the first error for `check`.
+        """
         try:
             with self._writer:
                 while not self._closing.wait(_WRITE_EVERY_S):
@@ -126,6 +128,9 @@ class Recorder:
             self._fail(error)
 
     def _write_batch(self) -> None:
+        """Writes the messages of every queued payload; skips topics that are not recorded, counts malformed
+        ones.
+        """
         for key, payload, receive_ns in self._queue.drain():
             parsed = parse_key(key)
             if parsed is None or not parsed[2].recorded:
@@ -142,7 +147,8 @@ class Recorder:
 def run_record(
     out: Path, settings: "ObserverSettings", duration_s: float | None, insecure: bool = False
 ) -> None:
-    """Records until SIGINT, SIGTERM, SIGHUP or the duration; says while nobody is heard, and what was missed.
+    """Records a cell to the new file `out` until SIGINT, SIGTERM, SIGHUP or the duration; says while nobody
+    is heard, and what was missed.
 
     Raises:
         InputError: the file, an endpoint or a certificate can not be used; nothing was written.
@@ -177,7 +183,9 @@ def run_record(
 def _wait(
     recorder: Recorder, settings: "ObserverSettings", party: Party, duration_s: float | None, stop: Stop
 ) -> None:
-    """Waits for a signal or the duration; says who is not heard, raises RunError when recording fails."""
+    """Waits for a signal or the duration; meanwhile prints every 5 s why nobody is heard, and attends
+    systemd's watchdog. RunError: recording failed.
+    """
     from forefeel.reachability import cell_watch  # noqa: PLC0415 - a loopback needs none
 
     look = cell_watch(settings.transport, party, recorder.transport, MonotonicClock())

@@ -21,7 +21,8 @@ _MOST_EVENTS = 1024  # of links that wait for a look
 
 
 def run_router(settings: RouterSettings, duration_s: float | None = None, insecure: bool = False) -> None:
-    """Routes until SIGINT, SIGTERM, SIGHUP or the duration; says who comes and goes.
+    """Runs a Zenoh router, at real-time priority where it is granted, until SIGINT, SIGTERM, SIGHUP or the
+    duration; says who comes and goes.
 
     Raises:
         InputError: an endpoint or a certificate can not be used.
@@ -39,6 +40,9 @@ def run_router(settings: RouterSettings, duration_s: float | None = None, insecu
 
 
 def _greet(settings: RouterSettings, notice: str) -> None:
+    """Prints the notice, if any, endpoints, certificates and cells of the router, and what the daemons need
+    to set.
+    """
     if notice:
         say(f"router: {notice}")
     transport = settings.transport
@@ -48,7 +52,9 @@ def _greet(settings: RouterSettings, notice: str) -> None:
 
 
 def _watch(session: zenoh.Session, duration_s: float | None, stop: Stop) -> None:
-    """Says whose link comes or goes, until a signal or the duration."""
+    """Prints who connects to the router or leaves, at first also who is there, until a signal or the
+    duration; attends systemd's watchdog.
+    """
     channel: zenoh.handlers.RingChannel[zenoh.LinkEvent] = zenoh.handlers.RingChannel(_MOST_EVENTS)
     looks = count(1)
     attend = service_watchdog(lambda: "routing", lambda: next(looks))

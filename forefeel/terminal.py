@@ -36,7 +36,9 @@ _mode = _Mode()
 
 @contextmanager
 def output(as_json: bool = False, quiet: bool = False) -> Iterator[None]:
-    """Sets how the body prints, in every thread. `as_json`: the answer as document; `quiet`: errors only."""
+    """Sets how all threads print while the body runs. `as_json`: the answer as one JSON document; `quiet`:
+    errors only, an answer only as document.
+    """
     before = _mode.as_json, _mode.quiet
     _mode.as_json, _mode.quiet = as_json, quiet
     try:
@@ -52,7 +54,8 @@ def say(text: str) -> None:
 
 
 def suggest(*words: object, head: str = "next", **options: object) -> None:
-    """Prints a remark: the command to type next, as it stands; none beside a document.
+    """Prints a remark: the command to type next, `forefeel` with these words and options; nothing beside a
+    document or with `--quiet`.
 
     Args:
         head: when, or where, it is to be typed.
@@ -98,7 +101,7 @@ def warn(text: str) -> None:
 
 
 def _headed(head: str, style: str, text: str) -> None:
-    """Prints a text in one line on stderr, behind a head that is coloured on a terminal."""
+    """Prints a text in one line on stderr, behind a head that has the style `style` on a terminal."""
     line = f" {printable(' '.join(text.splitlines()))}"
     if not sys.stderr.isatty():
         ask(f"{head}{line}")
@@ -124,7 +127,9 @@ def answer(*parts: "RenderableType", document: Callable[[], object]) -> None:
 
 
 def show(*parts: "RenderableType") -> None:
-    """Prints tables, texts and lines on stdout, of an answer that comes in pieces or has no document."""
+    """Prints tables, texts and lines on stdout, of an answer that comes in pieces or has no document; nothing
+    with `--json` or `--quiet`.
+    """
     if _mode.as_json or _mode.quiet or not parts:
         return
     shown = console(sys.stdout)
@@ -136,7 +141,9 @@ def show(*parts: "RenderableType") -> None:
 
 
 def console(stream: IO[str]) -> "Console":
-    """Console of a stream; a variable of the environment makes no terminal of what is none."""
+    """Makes a rich console of a stream without markup; only a stream that is a terminal counts as one,
+    whatever the environment says, and else it is `PLAIN_WIDTH` wide.
+    """
     from rich.console import Console  # noqa: PLC0415 - a daemon and an emergency stop start without rich
 
     terminal = stream.isatty()
@@ -147,7 +154,9 @@ def console(stream: IO[str]) -> "Console":
 
 
 def table(*columns: str, title: str | None = None, right: Sequence[str] = ()) -> "Table":
-    """An empty table for stdout. `right`: columns of numbers; one that does not fit ends in an ellipsis."""
+    """Makes an empty table for stdout. `right`: columns of numbers, aligned right, cut off by an ellipsis;
+    texts wrap.
+    """
     from rich import box  # noqa: PLC0415 - as in `console`
     from rich.table import Table  # noqa: PLC0415
 
@@ -163,8 +172,10 @@ def table(*columns: str, title: str | None = None, right: Sequence[str] = ()) ->
 
 @contextmanager
 def bar(total: float, count: str = "{task.completed:.0f} / {task.total:.0f}") -> Iterator[Show]:
-    """Bar on a terminal at stderr; gives a function that takes how much of the total is done, and what is
-    going on. The bar goes when it is done; an answer meanwhile goes to stdout, where that is no terminal.
+    """Shows a progress bar on stderr for the length of the block, if that is a terminal and not `--quiet`.
+    Gives a function that takes how much of `total` is done, and what is going on; without a bar it does
+    nothing. `count`: rich's format of the count. An answer meanwhile goes to stdout, where that is no
+    terminal.
     """
     if _mode.quiet or not sys.stderr.isatty():
         yield lambda _done, _what: None

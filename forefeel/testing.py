@@ -80,7 +80,7 @@ class SteppedTime(VirtualClock):
         self._live_until(self.now_ns() + round(seconds * 1e9))
 
     def _live_until(self, deadline_ns: int) -> None:
-        """Steps clock, devices, frames and control loop until then, and no conversation."""
+        """Steps clock, devices, CAN frames and control loop until then, and no conversation of a driver."""
         while (now_ns := self.now_ns()) < deadline_ns:
             self.set_ns(min(now_ns + self._step_ns, deadline_ns))
             for live in self.devices:
@@ -89,7 +89,10 @@ class SteppedTime(VirtualClock):
             self.tick(self.now_ns())
 
     def _advance(self, until_ns: int) -> None:
-        """Lives until the next step of a conversation and makes it, or until then if none is due."""
+        """Lets time pass until the next step of a driver's conversation is due, and makes that one step;
+        passes until `until_ns` if none is due by then. Notes when the conversation is due again, or drops it
+        at its end.
+        """
         due_ns, talks = min(((due, talks) for talks, due in self._due_ns.items()), key=lambda pair: pair[0],
                             default=(until_ns + 1, None))  # fmt: skip
         self._live_until(min(due_ns, until_ns))
@@ -122,7 +125,9 @@ class SteppedTime(VirtualClock):
             self._advance(self.now_ns() + self._step_ns)
 
     def deliver(self) -> None:
-        """Has every participant of a CAN bus take the frames that wait for it, and answer."""
+        """Has every participant of a CAN bus take the frames that wait for it, and answer, until none waits;
+        does nothing when called from within itself.
+        """
         if self._delivering:
             return
         self._delivering = taken = True
@@ -156,7 +161,9 @@ class SerialLine:
         time.devices.append(self.live)
 
     def live(self, t_s: float) -> None:
-        """Advances the device and carries the bytes both ways; drops them while silent or unplugged."""
+        """Advances the device to `t_s` and carries the bytes both ways; while silent all are dropped, while
+        unplugged those to the host.
+        """
         arrived = self.to_device.arrived(t_s)
         if arrived and not self.silent:
             self.device.receive(arrived, t_s)
@@ -168,7 +175,9 @@ class SerialLine:
         return self.to_host.arrived(t_s)
 
     def read(self, timeout_s: float) -> bytes:
-        """Waits for bytes while the devices live; DeviceError: unplugged."""
+        """Returns the bytes that have arrived; waits for them up to `timeout_s` of stepped time, while the
+        devices live; empty if none came. DeviceError: unplugged.
+        """
         until_ns = self._time.now_ns() + round(timeout_s * 1e9)
         while True:
             if not self.plugged:
@@ -202,7 +211,9 @@ class SteppedCanBus(can.BusABC):
         time.buses.append(self)
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Queues a frame for the others on the channel and delivers it; CanOperationError: unplugged."""
+        """Queues a frame for each other plugged participant of the channel, and has it taken at once;
+        `timeout` does not count. CanOperationError: unplugged.
+        """
         if self.gone:
             raise can.CanOperationError(f"{self.channel}: gone while writing")
         for other in self._time.buses:
@@ -229,10 +240,16 @@ def _call(one: object, function: Callable[..., object], *more: object) -> object
 
 @contextmanager
 def stepped(step_ns: int = 1_000_000) -> Iterator[SteppedTime]:
-    """Steps the time, in place of threads, ports and buses, of every driver that is opened in the block."""
+    """Replaces threads, serial ports and CAN buses of every driver that is opened in the block by ones in
+    memory, in stepped time; gives the time, by whose `lines` and `buses` they are found.
+    """
     time = SteppedTime(step_ns)
 
     def open_serial(stream: Any, settings: SerialSettings, timeout_s: float = 0.02) -> None:  # noqa: ANN401
+        """Stands in for `SerialStream.__init__`, `stream` its self: joins it to the line of that port in
+        memory, whose bytes so far are dropped; `timeout_s` is of later reads. DeviceSetupError: no such line,
+        unplugged, or open.
+        """
         line = time.lines.get(settings.port)
         if line is None or not line.plugged:
             raise DeviceSetupError(
@@ -293,7 +310,7 @@ class EmulatedBench:
 
     @contextmanager
     def opened(self) -> Iterator[Any]:
-        """Opens a new driver for the length of the block."""
+        """Makes and opens a new driver for the length of the block; closes it, also if the opening fails."""
         device = self.make()
         try:
             device.open()
@@ -302,7 +319,9 @@ class EmulatedBench:
             device.close()
 
     def plug(self, plugged: bool) -> None:
-        """Puts the host's cable in, or pulls it."""
+        """Plugs the cable between host and emulated device in, or pulls it: serial line, CAN networks, or,
+        for another device, its faults `plug` and `unplug`.
+        """
         if self.line is not None:
             self.line.plugged = plugged
         elif self.on_can:
@@ -313,7 +332,9 @@ class EmulatedBench:
 
     @contextmanager
     def silent(self) -> Iterator[None]:
-        """Silences the device within the block: it neither receives nor sends."""
+        """Silences the emulated device within the block: it neither receives nor sends; one without serial
+        line or CAN bus stands still.
+        """
         living = list(self.time.devices)
         if self.line is not None:
             self.line.silent = True
@@ -330,7 +351,9 @@ class EmulatedBench:
 
 
 def connect(time: SteppedTime, device: Any) -> None:  # noqa: ANN401 - what has `step`
-    """Has a device without serial port stepped with the time, and one on CAN at each frame, too."""
+    """Has an emulated device without serial port make its `step` at each step of the time, and one on a CAN
+    bus at each frame, too.
+    """
 
     def step(_t_s: float = 0.0) -> None:
         device.step(0.0)
@@ -362,6 +385,9 @@ class DriverContract:
         return [device.read(bench.time.now_ns())]
 
     def test_open_connects_and_close_is_idempotent(self, bench: EmulatedBench) -> None:
+        """Requires READY of the link after `open`, no error at a second `close`, and ForefeelError at a read
+        after.
+        """
         device = bench.make()
         device.open()
         assert device.link.state is LinkState.READY
@@ -391,7 +417,9 @@ class DriverContract:
             self.require_recovery(bench, device)
 
     def require_fault(self, bench: EmulatedBench, device: Any) -> None:  # noqa: ANN401
-        """Reads until the driver raises; AssertionError when it does not within `noticed_s`."""
+        """Reads until the driver raises ForefeelError; AssertionError: not within `noticed_s`, or the link
+        does not wait for `rearm`.
+        """
 
         def failed() -> bool:
             try:
@@ -404,7 +432,10 @@ class DriverContract:
         assert device.link.inhibited is not None, "a fault has to wait for rearm"
 
     def require_recovery(self, bench: EmulatedBench, device: Any) -> None:  # noqa: ANN401
-        """Waits until the device is back by itself; requires it to serve after `rearm`, not before."""
+        """Waits until a faulty driver is connected again by itself and requires ForefeelError at a read; then
+        calls `rearm`, and requires a read 0.5 s later to succeed. A link without a fault is only rearmed and
+        read.
+        """
         if device.link.inhibited is not None:
             bench.time.run_until(lambda: device.link.state is LinkState.CONFIGURED)
             with pytest.raises(ForefeelError):
@@ -428,6 +459,9 @@ class StageContract(DriverContract):
             stage.command(float("nan"), 0.0, bench.time.now_ns())
 
     def test_stage_follows_and_comes_to_rest(self, bench: EmulatedBench) -> None:
+        """Requires a stage that is led over `way_m` at `speed_m_s` to end there, 0.2 mm off or `lead_s` of
+        motion beyond at most, and to move less than 20 um in 0.2 s after it has rested for 0.5 s.
+        """
         time = bench.time
         with bench.opened() as stage:
             start_m, begun_ns = stage.read(time.now_ns()).position_m, time.now_ns()
@@ -460,10 +494,15 @@ class LoadCellContract(DriverContract):
         return list(device.read(bench.time.now_ns(), None))
 
     def require_fault(self, bench: EmulatedBench, device: Any) -> None:  # noqa: ANN401
-        """Reads until the driver raises or has no new valid reading for a while, else AssertionError."""
+        """Reads until the driver raises, or has no new valid reading for `stale_s`, at least 0.2 s;
+        AssertionError: neither within `noticed_s`.
+        """
         newest_ns = bench.time.now_ns()
 
         def failed() -> bool:
+            """Reads once: True if that raises, or the newest valid reading is older than `stale_s`, at least
+            0.2 s.
+            """
             nonlocal newest_ns
             try:
                 readings = self.read(bench, device)
@@ -481,6 +520,9 @@ class LoadCellContract(DriverContract):
         return self.read(bench, cell)
 
     def test_reading_comes_once_at_its_rate(self, bench: EmulatedBench) -> None:
+        """Requires of the readings of 1 s that their stamps increase, none lies after now, and their rate is
+        that of the settings within 20 %.
+        """
         with bench.opened() as cell:
             stamps_ns = [reading.stamp_ns for reading in self.readings(bench, cell, 1.0)]
         assert all(after > before for before, after in pairwise(stamps_ns))
@@ -500,6 +542,9 @@ class LoadCellContract(DriverContract):
         return float(sum(forces_n) / len(forces_n))
 
     def test_fault_of_the_cell_is_not_believed(self, bench: EmulatedBench) -> None:
+        """Requires that each fault of `distrusted` makes a reading invalid within 3 s of stepped time, and
+        that a valid one comes within 3 s after its end.
+        """
         with bench.opened() as cell:
             for fault in self.distrusted:
                 bench.time.run(1.0)  # it must have been seen to be noisy before it can stick
@@ -516,6 +561,9 @@ class HandleContract(DriverContract):
     force_n: ClassVar[float] = 0.3
 
     def test_rendered_force_is_that_which_was_asked(self, bench: EmulatedBench) -> None:
+        """Requires that `render`, called for 0.1 s, gives a force above 0 N, and not above the one that was
+        asked.
+        """
         applied_n: list[float] = []
         with bench.opened() as handle:
             bench.time.tick = lambda now_ns: applied_n.append(handle.render(self.force_n, now_ns))

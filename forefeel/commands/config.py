@@ -27,7 +27,10 @@ def check(
 
 
 def _verdict(file: Path, settings: Any) -> None:  # noqa: ANN401 - settings of any role
-    """Says that the file is valid, what it allows, its caveats, and the next command."""
+    """Prints on stderr that the file is valid: role, cells, axes with their limits, certificates, caveats,
+    for a slave the speed up to which its force limit holds; then the command to type next. `settings`: of any
+    role.
+    """
     role, pki = settings.role, settings.transport.pki
     cells = settings.cells if role == "router" else [settings.cell]
     axes = "".join(f", axis {axis.name}{axis.limits.meaning}" for axis in getattr(settings, "axes", ()))

@@ -12,7 +12,9 @@ from forefeel.estop import command as stops
 
 
 def _typer_command(parser: OptionParser, act: Callable[..., None]) -> Callable[..., None]:
-    """Function for typer that calls `act` with the parser's options."""
+    """Makes a function for typer that has each option of `parser` as a keyword of its signature, and calls
+    `act` with all of them.
+    """
 
     def command(**options: object) -> None:
         act(**options)

@@ -45,7 +45,9 @@ Quiet = Annotated[bool, typer.Option("--quiet", help="Say errors only.")]
 
 
 def number(metavar: str, low: float, high: float, text: str) -> Any:  # noqa: ANN401 - typer's
-    """Option of typer for a number from `low` to `high`; nan is refused."""
+    """Makes a typer option for a number, or None; one outside `low` to `high`, or nan, is typer.BadParameter.
+    `metavar` and `text` are for the help.
+    """
 
     def check(value: float | None) -> float | None:
         if value is not None and not low <= value <= high:
@@ -71,7 +73,8 @@ def examples_of(command: Callable[..., None]) -> tuple[str, ...]:
 
 @contextmanager
 def extra(name: str, *packages: str) -> Iterator[None]:
-    """Turns the lack of a package of the extra `forefeel[name]` into one line; that of another is our fault.
+    """Turns a ModuleNotFoundError of the body into one line that says how to install `forefeel[name]`, if the
+    module is of `packages`; that of another module passes as it is.
 
     Raises:
         ConfigurationError: one of `packages` is not installed.

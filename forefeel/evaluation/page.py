@@ -24,6 +24,9 @@ _TRIM = 0.001  # share of a trace's highest and of its lowest values that may li
 def render_page(
     link: DelayedLink, rules: Sequence[str], recordings: Mapping[str, Evaluated], skipped: Mapping[str, str]
 ) -> str:
+    """Text of evaluation.html: headline, rules, errors by method and regime, pictures, and what was skipped,
+    with the reason; `recordings` and `skipped` by the file's stem.
+    """
     return render(
         "evaluation/page.html.j2",
         link=link,
@@ -39,7 +42,9 @@ def render_page(
 
 
 def headline(link: DelayedLink, recordings: Mapping[str, Evaluated]) -> str:
-    """Range of the prediction's errors over those of the zero-order hold, in one sentence."""
+    """One sentence with the least and greatest ratio of the prediction's rms error to that of the zero-order
+    hold, over all recordings; or that none is known.
+    """
     ratios = (ratio_to_zoh(evaluated, "forefeel") for evaluated in recordings.values())
     known = sorted(ratio for ratio in ratios if ratio is not None)
     late = f"With forces that are {quantity(link.delay_s, 's')} late"
@@ -50,7 +55,9 @@ def headline(link: DelayedLink, recordings: Mapping[str, Evaluated]) -> str:
 
 
 def figures(evaluated: Evaluated) -> tuple[Figure, Figure]:
-    """Pictures of a typical stretch, the one with the median rms error of forefeel, and of the whole."""
+    """Pictures of a typical stretch of 10 s, the one with the median error of forefeel, and of all scored
+    stamps; each shows forces and errors.
+    """
     time_s, rows = evaluated.prepared.recording.time_s, evaluated.prepared.rows
     with np.errstate(over="ignore", invalid="ignore"):
         squares = (evaluated.predicted_n["forefeel"] - evaluated.prepared.force_n)[rows] ** 2
@@ -67,6 +74,10 @@ def figures(evaluated: Evaluated) -> tuple[Figure, Figure]:
 
 
 def _figure(evaluated: Evaluated, rows: Mask, title: str, caption: str) -> Figure:
+    """Picture of the stamps in `rows` over s since the recording's start: above the measured, held and
+    predicted force with its 95 % band, below the errors of the held and the predicted one. Extreme values are
+    cut off.
+    """
     stamps_s, force_n = evaluated.prepared.recording.time_s, evaluated.prepared.force_n[rows]
     time_s = stamps_s[rows] - stamps_s[0]
     held_n, predicted_n = evaluated.predicted_n["zoh"][rows], evaluated.predicted_n["forefeel"][rows]
@@ -104,7 +115,9 @@ def size_text(evaluated: Evaluated, name: str) -> str:
 
 
 def regime_text(score: RegimeScore) -> str:
-    """rms of forefeel, its ratio to zoh, share of the samples; that there are none, or that it diverged."""
+    """Text of a regime: rms error of forefeel, its ratio to zoh where known, share of the scored samples; or
+    that there are no samples, or that it diverged.
+    """
     if not score.share:
         return "no samples"
     if score.forefeel_rms_n is None:
@@ -116,7 +129,9 @@ def regime_text(score: RegimeScore) -> str:
 def in_words(
     link: DelayedLink, rules: Sequence[str], recordings: Mapping[str, Evaluated]
 ) -> Iterator[RenderableType]:
-    """Tables by method and by regime, then notes, headline and rules, for the terminal."""
+    """Yields what the terminal shows: tables by method and by regime, notes of each recording, headline,
+    rules and disclaimer.
+    """
     numbers = (*METHODS, "in the 95 % band")
     title = f"Error, rms and (its ratio to the zero-order hold), delay {link.delay_s:g} s"
     errors = table("recording", *numbers, title=title, right=numbers)

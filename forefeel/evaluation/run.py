@@ -39,7 +39,9 @@ def run_evaluation(
     out: Path | None,
     overwrite: bool,
 ) -> None:
-    """Reads, replays, writes evaluation.json and evaluation.html, prints the table.
+    """Replays the recordings across the link through every method, writes evaluation.json and evaluation.html
+    into `out`, or a folder named after the first file, and prints the tables; files that can not be used are
+    skipped.
 
     Raises:
         InputError: the options can not be fulfilled, or no file can be evaluated; nothing was written.
@@ -67,7 +69,8 @@ def run_evaluation(
 def _read(
     files: Sequence[Path], columns: Mapping, link: DelayedLink
 ) -> tuple[dict[str, Prepared], dict[str, str]]:
-    """(recordings, reasons for those that were skipped), both by the file's stem.
+    """Loads and prepares the recordings; returns them, and the reasons for those that were skipped, both by
+    the file's stem. Where nothing is left it prints the reasons but the last, which it raises.
 
     Raises:
         InputError: two files of one stem, a column that is malformed, or nothing left.
@@ -92,6 +95,9 @@ def _read(
 
 
 def _evaluate(prepared: dict[str, Prepared], model: ContactModel | None) -> dict[str, Evaluated]:
+    """Evaluates each recording by every method, with a bar on the terminal; returns the results by the file's
+    stem.
+    """
     number = count()
     with bar(len(prepared) * len(METHODS)) as show:
 

@@ -28,7 +28,9 @@ class Child:
     def start(
         self, environment: Mapping[str, str] = {}, descriptors: Sequence[int] = (), hears: bool = False
     ) -> None:
-        """Starts it with more `environment`, inherited `descriptors`, and a pipe for `tell` if it `hears`."""
+        """Starts the process, its output to `log`, with more `environment` and inherited `descriptors`;
+        `hears`: with a pipe for `tell`, else without input. It dies with this process.
+        """
         with self.log.open("wb") as log:
             self._process = subprocess.Popen(
                 self._command,
@@ -59,7 +61,9 @@ class Child:
         return self._process is not None and self._process.poll() is None
 
     def end(self) -> None:
-        """Sends SIGTERM, and SIGKILL when the process has not ended in time."""
+        """Ends the process by SIGTERM, or SIGKILL `end_s` later, and waits for its end; nothing if it was not
+        started.
+        """
         if self._process is None:
             return
         self._process.terminate()  # one that has ended does not hear it
@@ -70,7 +74,9 @@ class Child:
             self._process.wait()
 
     def check(self) -> None:
-        """Raises InputError for exit code 2, RunError for others but 0, with the last line of its log."""
+        """Raises InputError if the process ended with exit code 2, RunError for any other but 0, with the
+        last line of its log. To be called once it has ended.
+        """
         code = self._process.returncode if self._process else None
         if code == 0:
             return

@@ -21,10 +21,10 @@ Emulators = dict[str, _Words]
 
 
 def check_hardware(hardware: str, recording: bool, virtual: bool) -> None:
-    """Checks `--hardware`, also against the options that exclude it.
+    """Refuses an unknown `--hardware`, and any but the simulated one with a recording or in virtual time.
 
     Raises:
-        ConfigurationError: an unknown name, or emulated hardware with a recording or in virtual time.
+        ConfigurationError: one of these.
     """
     if hardware not in HARDWARE:
         raise ConfigurationError(f"--hardware {hardware!r}: expected one of {', '.join(HARDWARE)}")
@@ -41,7 +41,10 @@ def check_hardware(hardware: str, recording: bool, virtual: bool) -> None:
 
 
 def on_bench(plan: Plan, hardware: str, ports: Path, out: Path, seed: int) -> tuple[Plan, Emulators]:
-    """Plan with emulated devices at ports in `ports`, and their commands, which read settings in `out`."""
+    """Copy of the plan with drivers of emulated stage, load cell and handle at ports in the folder `ports`;
+    and the words of each emulator's command, which reads slave.yaml or master.yaml in `out`. The plan itself
+    and no emulator with simulated hardware.
+    """
     if hardware == SIMULATED:
         return plan, {}
     axis = plan.slave_settings().axes[0]
@@ -77,7 +80,9 @@ def _motion(limits: AxisLimits) -> dict[str, object]:
 
 
 def _serial(limits: AxisLimits, ports: Path, words: _Words) -> tuple[_Devices, Emulators]:
-    """Stage and load cell, each on a line of its own."""
+    """Settings of a Zaber stage and a Bota load cell, each on a serial line of its own; and the words of
+    their emulators' commands, which get `words`.
+    """
     stage = {
         "driver": "zaber_ascii", "port": str(ports / "stage"), "microstep_m": 1e-7,
         "max_acceleration_m_s2": _FASTER * limits.max_acceleration_m_s2, **_motion(limits),
@@ -88,7 +93,9 @@ def _serial(limits: AxisLimits, ports: Path, words: _Words) -> tuple[_Devices, E
 
 
 def _can(limits: AxisLimits, ports: Path, words: _Words, common: _Words) -> tuple[_Devices, Emulators]:
-    """Drive and transducer on one bus: a hub with an end for each of them and one for the slave."""
+    """Settings of a CiA 402 drive and a CiA 404 transducer on one CAN bus, and the words of their emulators'
+    commands: a hub with an end for each of them and one for the slave. `words`: of both; `common`: of all.
+    """
     slave_end, stage_end, cell_end = (str(ports / name) for name in ("can-slave", "can-drive", "can-cell"))
     can = {"interface": "slcan", "channel": slave_end}
     stage = {

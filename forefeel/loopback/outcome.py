@@ -37,6 +37,7 @@ def _due(loop: LoopFigures) -> int:
 
 
 def _lateness(report: RunReport) -> list[str]:
+    """Lines on the missed ticks and the greatest lateness of master and slave; none for one without ticks."""
     ends = (("master", report.loop.master), ("slave", report.loop.slave))
     return [
         f"the {role} missed {loop.missed or 0} of {_due(loop)} ticks and was up to {micros(loop.max_us)} late"
@@ -46,7 +47,9 @@ def _lateness(report: RunReport) -> list[str]:
 
 
 def _cause(report: RunReport) -> str:
-    """Reason why the slave was not armed: a stop, a refusal, the newest event, or no session."""
+    """Text on why the slave was not armed: the newest stop or fault that nobody asked for, else the limits
+    that refused to engage, else the newest event, else that no session was opened.
+    """
     unasked = [note for note in report.safety_events if note.after in _STOPPED and note.event != "release"]
     if unasked:
         return _words(unasked[-1])

@@ -76,7 +76,9 @@ class Plan:
         return checked(MasterSettings, self.master, self._where("master"))
 
     def recorded(self) -> dict[str, str]:
-        """Metadata of the recording: run, vessel, and the slave's axis if its devices are simulated."""
+        """Metadata for the recording, as text by name: the run's, the vessel if there is one, and, if stage
+        and load cell are simulated, the slave's axis and the force scale.
+        """
         axis, vessel = self.slave_settings().axes[0], self.vessel()
         drawn = {} if vessel is None else {RECORDED: vessel.model_dump_json()}
         if {axis.stage.driver, axis.load_cell.driver} != {"simulated"}:
@@ -102,7 +104,9 @@ class Plan:
 
 
 def _vessel(world: WorldSettings, axis: str) -> VesselSettings:
-    """Vessel that narrows to and beyond the contact; with a valve where something rubs along the shaft."""
+    """Vessel to draw for a simulated world, in mm and not to scale: it narrows to the contact and beyond;
+    with a valve at 0 where an effect acts along the shaft.
+    """
     hidden = world.hidden.effects.effects if world.hidden else ()
     effects = [(entry.instance(), entry.site) for entry in (*world.contact.effects, *hidden)]
     shaft = [e for e, site in effects if isinstance(e, ForceEffect) and (site or e.site) == "shaft"]
@@ -120,10 +124,12 @@ def _vessel(world: WorldSettings, axis: str) -> VesselSettings:
 
 
 def make_plan(options: LoopbackOptions) -> Plan:
-    """Checks the options, and makes the settings of both ends.
+    """Plan of a run: checks the options, loads recording and models, makes both ends' settings as mappings,
+    not yet validated, with duration, notes and metadata. Nothing is written.
 
     Raises:
-        InputError: an unknown preset, or a file that can not be used.
+        InputError: an option out of range, or not beside another; an unknown preset, or a file that can not
+            be used.
     """
     _check(options)
     slave_axis, master_axis = _axes(options)
@@ -161,6 +167,9 @@ def make_plan(options: LoopbackOptions) -> Plan:
 
 
 def _check(options: LoopbackOptions) -> None:
+    """Raises ConfigurationError: unknown impairment or preset, duration out of range, a file as
+    `--prior-dir`, or `--patient` or `--accept-prior` without it.
+    """
     if options.impairment not in PRESETS:
         raise ConfigurationError(f"--impairment {options.impairment!r}: expected one of {', '.join(PRESETS)}")
     if options.preset is not None and options.preset not in WORLDS:
@@ -175,7 +184,9 @@ def _check(options: LoopbackOptions) -> None:
 
 
 def _axes(options: LoopbackOptions) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Settings of the slave's and of the master's axis, with a simulated world and an operator."""
+    """Settings, as mappings, of the slave's and the master's axis, from the preset: simulated world, force
+    limit, synthetic operator, and the scale of the force to the hand.
+    """
     preset = options.preset or _DEFAULT_PRESET
     limits = {"max_force_n": _WORLD_MAX_N[preset]}
     slave_axis: dict[str, Any] = {
@@ -195,6 +206,7 @@ def _axes(options: LoopbackOptions) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _metadata(options: LoopbackOptions) -> dict[str, str]:
+    """Metadata of the run, as text by name: seed, impairment, preset, recording, models, hidden effects."""
     return {
         "seed": str(options.seed),
         "impairment": options.impairment,
@@ -207,7 +219,9 @@ def _metadata(options: LoopbackOptions) -> dict[str, str]:
 
 
 def _load_models(options: LoopbackOptions, slave_axis: dict[str, Any], master_axis: dict[str, Any]) -> None:
-    """Enters the model files of the options into both axes; raises InputError for one that is wrong."""
+    """Checks the model files of the options and enters their paths into the settings of both axes, in place.
+    ConfigurationError: no model, or a `--master-model` without a linear parameter; or as `_hide`.
+    """
     if options.slave_model is not None:
         load_model(options.slave_model)  # for an error that names the file and nothing around it
         slave_axis["simulation"]["model"] = str(options.slave_model.resolve())
@@ -219,7 +233,9 @@ def _load_models(options: LoopbackOptions, slave_axis: dict[str, Any], master_ax
 
 
 def _hide(options: LoopbackOptions, slave_axis: dict[str, Any]) -> None:
-    """Adds the effects of `--hide` to the simulated world alone; raises InputError for wrong options."""
+    """Enters the model of `--hide`, and when it acts, into the slave's simulated world, in place; nothing
+    without it. ConfigurationError: no model, or `--hide-at` out of range or without `--hide`.
+    """
     if options.hide is None:
         if options.hide_at_s:
             raise ConfigurationError(f"--hide-at {options.hide_at_s:g}: expected only with --hide")
@@ -239,7 +255,9 @@ def _source(options: LoopbackOptions) -> dict[str, Any]:
 
 
 def _refuse_world_options(options: LoopbackOptions) -> None:
-    """Raises ConfigurationError for options of a simulated instrument: recorded forces take its place."""
+    """Raises ConfigurationError for `--preset`, `--slave-model`, `--hide` or `--prior-dir`: the recorded
+    forces take the place of a simulated instrument.
+    """
     for option, value in (
         ("--preset", options.preset),
         ("--slave-model", options.slave_model),
@@ -256,8 +274,9 @@ def _refuse_world_options(options: LoopbackOptions) -> None:
 def play(
     recording: "Recording", source: dict[str, Any], slave_axis: dict[str, Any], master_axis: dict[str, Any]
 ) -> tuple[str, ...]:
-    """Fits both axes to the recording: limits, stage, handle, and the recorded force where there is one.
-    Returns notes for the user. `source`: the recording as the settings of a device name it.
+    """Changes the settings of both axes, in place, so that they play the recording: limits, stage, handle,
+    and the recorded force where there is one. Returns notes for the user. `source`: the recording as the
+    settings of a device name it.
     """
     limits = recording_limits(recording, slave_axis["limits"]["max_force_n"])
     low, high = limits["workspace_m"]
@@ -290,7 +309,10 @@ def _play_force(
     slave_axis: dict[str, Any],
     master_axis: dict[str, Any],
 ) -> list[str]:
-    """Makes the load cell play the recorded force and scales that to the hand; returns notes for the user."""
+    """Changes the settings of both axes, in place: the load cell plays the recorded force, turned so that it
+    resists insertion, without timeout, and the hand gets it scaled to `HAND_MAX_N` at most. Returns notes for
+    the user.
+    """
     sign = resisting_sign(recording)
     slave_axis["load_cell"] = {"driver": "recorded", "force_sign": sign, **source}
     slave_axis["gate"]["force_timeout_s"] = None
@@ -306,9 +328,11 @@ def _play_force(
 
 
 def resisting_sign(recording: "Recording") -> Literal[1, -1]:
-    """1 where the recorded force resists insertion, -1 where it is the reaction to that.
+    """1 where the recorded force resists insertion, -1 where it is the reaction to that. `recording`: with a
+    force.
 
-    A contact is passive: over the whole recording it absorbs energy, the integral of F dx is positive.
+    A contact is passive: over the whole recording it absorbs energy, the integral of F dx is positive. The
+    force's mean does not count.
     """
     assert recording.force_n is not None
     force_n, work_j = recording.force_n - recording.force_n.mean(), 0.0
@@ -319,7 +343,8 @@ def resisting_sign(recording: "Recording") -> Literal[1, -1]:
 
 
 def recording_limits(recording: "Recording", world_max_n: float) -> dict[str, Any]:
-    """Limits that let the recorded motion through: range, speed, steps of speed, force, with margins.
+    """Limits of an axis, by name of its settings, that let the recorded motion through: range, speed, steps
+    of speed, force, with margins.
 
     `world_max_n`: the force limit where no force was recorded.
     """
@@ -346,6 +371,7 @@ def _round_up(value: float) -> float:
 
 
 def _notes(recording: "Recording", limits: dict[str, Any]) -> tuple[str, ...]:
+    """Two notes for the user: samples, duration and pieces of the recording, and the limits taken from it."""
     low, high = limits["workspace_m"]
     pieces = len(recording.segments())
     return (

@@ -38,14 +38,15 @@ def run_real(
     viewer: DashboardProcess | None,
 ) -> None:
     """Runs both daemons to the end and leaves out/recording.mcap; `progress` is entered when the daemons have
-    started, and shown (seconds done, what happens).
+    started, and shown (seconds done, what happens). Writes settings and logs into `out`.
 
     The master starts first, for it takes longest. The recorder listens before the slave starts, so that it
     hears all that both say to each other. The emulated devices are there before the daemons, and longer. A
     dashboard connects to both daemons, and they do not wait for it.
 
     Raises:
-        RunError: a daemon failed, or the user ended the run.
+        RunError: a process or the recording failed, or the user ended the run; the recording stays.
+        InputError: a process ended with exit code 2.
     """
     recorder_at, slave_at = free_endpoints(2)
     master_at: list[str] = []
@@ -82,7 +83,9 @@ def run_real(
 
 
 def _start_all(devices: Sequence[Child], master: Child, stop: Stop) -> bool:
-    """Starts the devices one after the other, then the master; False as soon as a signal came."""
+    """Starts the devices, each once the one before can be opened, then the master; False as soon as a signal
+    came, the rest not started.
+    """
     for child in (*devices, master):
         if stop.wanted():
             return False
@@ -93,7 +96,10 @@ def _start_all(devices: Sequence[Child], master: Child, stop: Stop) -> bool:
 
 
 def _await_output(device: Child, stop: Stop) -> None:
-    """Waits until the device logs that it can be opened, or a signal came; RunError: it ended before."""
+    """Waits until the device has written to its log, as it does when it can be opened, or a signal came.
+    RunError, or InputError for exit code 2: it ended before, or wrote nothing within `_START_S`; then it is
+    ended.
+    """
     end_s = time.monotonic() + _START_S
     while not (device.log.stat().st_size or stop.wanted()):
         if not device.running or time.monotonic() > end_s:
@@ -104,7 +110,10 @@ def _await_output(device: Child, stop: Stop) -> None:
 
 
 def _watch(slave: Child, master: Child, recorder: "Recorder", plan: Plan, show: Show, stop: Stop) -> None:
-    """Shows progress until the master ends by itself or a signal came; raises RunError for a failure."""
+    """Shows s done and the slave's state until the master ends by itself, whose release is waited for, or a
+    signal came. RunError: recording failed, no session within `_START_S`, or the slave ended; InputError:
+    with code 2.
+    """
     start_s, ready_s = time.monotonic(), None
     key = f"forefeel/{plan.slave['cell']}/{AXIS}"
     while master.running and slave.running:

@@ -30,7 +30,8 @@ _OURS = (
 def run_loopback(
     options: LoopbackOptions, out: Path | None, overwrite: bool, virtual: bool, dashboard: bool, opens: bool
 ) -> None:
-    """Plans, runs, reports, prints the ten lines.
+    """Runs a loopback: plans, runs both daemons, writes recording and report into `out`, or out/run-DATE, and
+    prints the ten lines; a dashboard shows it, and then stays until the user ends it.
 
     Raises:
         InputError: the options can not be fulfilled; nothing was written.
@@ -74,7 +75,10 @@ def recorded_run(
     overwrite: bool,
     virtual: bool = False,
 ) -> "RunReport":
-    """Plans, runs and writes the report, without the ten lines. Only the end imports what it needs alone."""
+    """Plans, runs, and writes recording and report into the folder, where it deletes the files of an earlier
+    run; returns the report, prints notes but not the ten lines. Raises as `run_loopback`, but for the arming.
+    Only the end imports what it needs alone.
+    """
     with ends_in_order("loopback", folder) as written:
         check_hardware(options.hardware, options.recording is not None, virtual)
         plan = make_plan(options)
@@ -111,7 +115,9 @@ def _run(
     written: list[str],
     viewer: DashboardProcess | None,
 ) -> None:
-    """Runs in real or virtual time and leaves the recording, also of a run that was interrupted."""
+    """Runs the plan in real or virtual time and leaves the recording, also of a run that was interrupted;
+    adds its name to `written`, in real time only when the run succeeded.
+    """
     progress = bar(plan.expected_s, "{task.completed:5.1f} / {task.total:.1f} s")
     if virtual:
         with progress as show:
@@ -124,7 +130,9 @@ def _run(
 
 
 def _run_virtual(plan: Plan, seed: int, path: Path, written: list[str], show: Show) -> None:
-    """Runs in virtual time; adds the recording to `written`, or deletes it where it is empty."""
+    """Runs in virtual time and writes the recording as it goes, also of a run that was interrupted; adds its
+    name to `written`, or deletes it where it is empty. KeyboardInterrupt: a signal came.
+    """
     from forefeel.loopback.virtual import VirtualLoopback  # noqa: PLC0415 - both daemons, which start themselves else
 
     loop = VirtualLoopback(plan, seed)

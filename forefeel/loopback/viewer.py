@@ -48,7 +48,10 @@ class DashboardProcess:
         self._started = False
 
     def start(self) -> None:
-        """Starts the dashboard at the first call, once `out` exists; a failure is a line for the user."""
+        """Starts the dashboard's process at the first call, once `out` exists, and sets `url`; says where it
+        is. A failure (no extra, no port) is a line for the user, and `url` stays empty. Later calls do
+        nothing.
+        """
         if self._started:
             return
         self._started = True
@@ -84,7 +87,9 @@ class DashboardProcess:
             self._child.tell(scene.model_dump_json())
 
     def stay(self, scene: Scene) -> None:
-        """Shows the last scene until a signal; where there is no terminal as long as somebody looks."""
+        """Shows the last scene until a signal or the end of the process, which ends by itself where stdout is
+        no terminal and nobody looks; returns at once without a process.
+        """
         if self._child is None:
             return
         with signal_flag() as stop:

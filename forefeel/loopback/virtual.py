@@ -48,7 +48,10 @@ class VirtualLoopback:
         self._plan = plan
 
     def run(self, progress: Callable[[float], None]) -> None:
-        """Runs to the end, and shuts both ends down; `progress` gets the virtual time in s."""
+        """Runs both daemons until the master has finished or the time is over (`duration_s`, or twice the
+        expected and 60 s), then brings them to rest and closes them. `progress` gets s since the start; it
+        may raise.
+        """
         start_ns = self.runtime.clock.now_ns()
         limit_s = self._plan.duration_s or 2 * self._plan.expected_s + _GRACE_S
 
@@ -64,7 +67,9 @@ class VirtualLoopback:
             gc.enable()
 
     def _come_to_rest(self) -> None:
-        """Ends the master first, the slave when it has received that, as in real time; closes both."""
+        """Shuts the master down, and the slave once it is at rest, 1 s of virtual time later at most; closes
+        both.
+        """
         self.master.shut_down()
         self.runtime.run(_SECOND_NS, lambda _now_ns: not self.slave.at_rest)
         self.slave.shut_down()
@@ -79,7 +84,9 @@ class VirtualLoopback:
 
     @contextmanager
     def recording(self, path: Path) -> Iterator[Callable[[], None]]:
-        """Writes the recording at the end; the function that it gives writes before what has come by then."""
+        """Opens the recording at `path` for the length of the block; gives a function that writes the
+        messages that are not written yet. The end of the block calls it, too, whatever ends it.
+        """
         with RunWriter(path) as writer:
             writer.add_metadata("run", self._plan.recorded())
 

@@ -28,7 +28,9 @@ class Authority:
 
     @classmethod
     def new(cls, now: datetime) -> "Authority":
-        """Makes a key and its self-signed certificate; it signs certificates of ends, of no authority."""
+        """Makes a key and its self-signed certificate, valid from an hour before `now` for ten years; it
+        signs certificates of ends, of no other authority. Writes nothing.
+        """
         key = new_key()
         name, identifier = _name(AUTHORITY_NAME), x509.SubjectKeyIdentifier.from_public_key(key.public_key())
         builder = (
@@ -41,7 +43,7 @@ class Authority:
     def sign(
         self, name: str, public_key: PublicKey, hosts: Sequence[str], now: datetime, days: int
     ) -> x509.Certificate:
-        """Signs the certificate of an end that both listens and connects.
+        """Makes the certificate of an end that both listens and connects, signed by this authority.
 
         Args:
             name: common name, by which the access control knows it.
@@ -80,7 +82,9 @@ def certificate_pem(certificate: x509.Certificate) -> bytes:
 
 
 def hosts_of(certificate: x509.Certificate) -> tuple[str, ...]:
-    """The names and addresses in a certificate, this host's own left out."""
+    """Names and addresses in a certificate without `_THIS_HOST` (localhost and its addresses); empty where it
+    has none.
+    """
     try:
         alternatives = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except x509.ExtensionNotFound:
@@ -97,7 +101,9 @@ def _begun(
     end: datetime,
     signer: x509.SubjectKeyIdentifier,
 ) -> x509.CertificateBuilder:
-    """Builder of a certificate with subject, issuer, key, period, and the identifiers of both keys."""
+    """Builder of a certificate, not signed yet, with subject, issuer, key, period from an hour before `now`
+    to `end`, and the identifiers of both keys; `signer`: that of the issuer's.
+    """
     signed_by = x509.AuthorityKeyIdentifier.from_issuer_subject_key_identifier(signer)
     return (
         x509.CertificateBuilder()
@@ -117,6 +123,9 @@ def _name(common_name: str) -> x509.Name:
 
 
 def _usage(signs_certificates: bool) -> x509.KeyUsage:
+    """Extension that allows a key to sign certificates and revocation lists, or, if not `signs_certificates`,
+    digital signatures alone.
+    """
     return x509.KeyUsage(
         digital_signature=not signs_certificates,
         content_commitment=False,

@@ -38,7 +38,8 @@ _NAME = re.compile(rf"forefeel-(?P<cell>.+)-(?P<role>{'|'.join(CELL_ROLES)})")
 def init_folder(
     folder: Path, cells: Sequence[str], hosts: Sequence[str], days: int, now: datetime
 ) -> dict[Path, str]:
-    """Makes what is missing and renews what ends soon; the authority and every key stay.
+    """Makes what is missing of authority, keys, certificates and router.json5, and renews certificates that
+    end soon or are to name other hosts; the authority and every key stay.
 
     Args:
         folder: new, empty, or one of this function; cells that it has need not be named.
@@ -73,7 +74,9 @@ def init_folder(
 
 
 def _authority(folder: Path, now: datetime) -> Authority:
-    """Reads the authority, after making one in a folder without; ConfigurationError: expired."""
+    """Reads the authority; first makes folder (mode 0700), key and certificate where there is no certificate.
+    ConfigurationError: expired, or as `read_authority`.
+    """
     certificate, key = folder / AUTHORITY, folder / AUTHORITY_KEY
     if not certificate.exists():
         made = Authority.new(now)
@@ -95,7 +98,10 @@ def _issue(
     days: int,
     now: datetime,
 ) -> str:
-    """Makes or renews key and certificate of a party where needed: `new`, `renewed`, `unchanged`."""
+    """Makes key and certificate of a party, or renews a certificate, with its old key, that ends within 30
+    days or names other hosts; returns `new`, `renewed` or `unchanged`. `hosts` None: those it has.
+    ConfigurationError: the old certificate can not be read, or is not on an elliptic curve.
+    """
     path = inside / f"{party.role}.crt"
     if path.exists():
         old = read_certificate(path)
@@ -116,7 +122,9 @@ def _issue(
 
 
 def read_authority(folder: Path) -> Authority:
-    """Reads the authority. ConfigurationError: key or certificate is missing, or they do not match."""
+    """Reads key and certificate of the authority from the folder. ConfigurationError: one is missing or
+    unreadable, or they do not match.
+    """
     path = folder / AUTHORITY_KEY
     try:
         key = load_pem_private_key(path.read_bytes(), None)
@@ -145,7 +153,9 @@ class CertificateRow:
 
 
 def certificate_rows(folder: Path, now: datetime) -> list[CertificateRow]:
-    """Rows of the certificates in a folder of an authority, or of one host. ConfigurationError: none."""
+    """Rows of the `.crt` files up to two folders down, the authority's first; skips those that name no party.
+    ConfigurationError: no certificate of a party, or one that can not be read.
+    """
     paths = sorted(path for depth in ("", "*/", "*/*/") for path in folder.glob(f"{depth}*.crt"))
     named = [(path, _party(read_certificate(path))) for path in paths if path.name != AUTHORITY]
     ends = [(path, party) for path, party in named if party is not None]
@@ -157,7 +167,9 @@ def certificate_rows(folder: Path, now: datetime) -> list[CertificateRow]:
 
 
 def _row(folder: Path, path: Path, party: Party | None, now: datetime) -> CertificateRow:
-    """Row of a certificate: green, amber when it ends soon, red when it is not accepted."""
+    """Row of a certificate, `party` None for the authority's: green, amber when it ends within 30 days, red
+    when it or its key is not accepted; with the advice. ConfigurationError: it can not be read.
+    """
     certificate, advice = read_certificate(path), ""
     left = certificate.not_valid_after_utc - now
     colour: Literal["green", "amber", "red"] = "green" if left >= RENEWED_WITHIN else "amber"
@@ -174,7 +186,9 @@ def _row(folder: Path, path: Path, party: Party | None, now: datetime) -> Certif
 
 
 def router_file(cells: Sequence[str]) -> str:
-    """zenohd's configuration for a router of those cells: TLS, and the access rules of the topic table."""
+    """Text of zenohd's configuration, router.json5, for a router of those cells: TLS, and the access rules of
+    the topic table.
+    """
     files = PartyFiles(ON_THE_HOST / AUTHORITY, ON_THE_HOST / "router.crt", ON_THE_HOST / "router.key")
     listen = {"mode": "router", "listen/endpoints": ["tls/0.0.0.0:7447"]}
     tree: dict[str, Any] = {}
@@ -193,7 +207,9 @@ def _place(party: Party) -> str:
 
 
 def _party(certificate: x509.Certificate) -> Party | None:
-    """The party that a certificate names; None: no party of ours."""
+    """The party that the certificate's common name stands for, a router's without cells; None: no party of
+    ours.
+    """
     names = certificate.subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)
     name = str(names[0].value) if names else ""
     if name == Party("router", ()).name:
@@ -203,7 +219,9 @@ def _party(certificate: x509.Certificate) -> Party | None:
 
 
 def _checked_cells(cells: Sequence[str]) -> tuple[str, ...]:
-    """Returns the cells; ConfigurationError: none, one twice, or a name that can not be used."""
+    """Returns the cells as they are. ConfigurationError: none, one twice, or a name that can not be used,
+    such as `router`.
+    """
     for cell in cells:
         if not _CELL.fullmatch(cell) or cell == "router":
             raise ConfigurationError(
@@ -217,8 +235,9 @@ def _checked_cells(cells: Sequence[str]) -> tuple[str, ...]:
 def _parsed_hosts(
     words: Sequence[str], parties: Sequence[Party], named: Sequence[str]
 ) -> Mapping[str, Sequence[str]]:
-    """Parses `--hosts` to hosts by `_place`; a role alone means that of every cell in `named`, or of all
-    where it is empty. ConfigurationError: no `=`, or nobody of `parties`.
+    """Parses words of `--hosts`; returns the hosts by the party's folder (`_place`). A role alone means that
+    of every cell in `named`, or of all where it is empty. ConfigurationError: no `=`, nobody of `parties`, or
+    no host.
     """
     of_named = [party for party in parties if not named or not set(named).isdisjoint(party.cells)]
     hosts: dict[str, list[str]] = {}
@@ -240,7 +259,9 @@ def _parsed_hosts(
 
 
 def _host(name: str, where: str) -> str:
-    """A host name, or an address without brackets; ConfigurationError: neither."""
+    """Host name, or address in its usual form without brackets; ConfigurationError, which quotes `where`:
+    neither.
+    """
     bare = name.strip("[]")
     try:
         return str(ipaddress.ip_address(bare))

@@ -42,7 +42,7 @@ class Sines:
         self._sines = list(zip(frequencies_hz, phases, strict=True))
 
     def at(self, t: Array) -> Course:
-        """Position m, velocity m/s and acceleration m/s^2 at the times t in s."""
+        """Position m, velocity m/s and acceleration m/s^2 at the times t in s, each shape (n,)."""
         x, v, a = np.full_like(t, self._centre_m), np.zeros_like(t), np.zeros_like(t)
         for frequency_hz, phase in self._sines:
             w = 2.0 * pi * frequency_hz
@@ -92,7 +92,7 @@ class Hand:
         ]
 
     def at(self, t: Array) -> Course:
-        """Position m, velocity m/s and acceleration m/s^2 at the times t in s."""
+        """Position m, velocity m/s and acceleration m/s^2 at the times t >= 0 in s, each shape (n,)."""
         stroke = np.searchsorted(self._begins, t, side="right") - 1
         length, duration = self._tos[stroke] - self._froms[stroke], self._moves[stroke]
         s = np.clip((t - self._begins[stroke]) / duration, 0.0, 1.0)
@@ -117,7 +117,9 @@ class FollowedRecording:
         self._before_s = float(self._time_s[0])
 
     def at(self, t: Array) -> Course:
-        """The recorded position, straight between its samples, through the low-pass."""
+        """Position m, velocity m/s and acceleration m/s^2 at the times t in s: the recorded position, linear
+        between its samples, through the low-pass. Keeps the filter's state: the next call has to begin later.
+        """
         recorded_m = np.interp(t, self._time_s, self._position_m)
         steps = np.diff(t, prepend=self._before_s)
         self._before_s = float(t[-1])

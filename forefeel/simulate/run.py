@@ -23,7 +23,9 @@ SUFFIXES = (".csv", ".parquet")
 
 
 def write_table(out: Path, columns: dict[str, Array]) -> None:
-    """Writes the columns as Parquet or CSV, beside the file, then in its place. RunError: it can not."""
+    """Writes the columns, by name, as Parquet, or as CSV with a header, by the suffix of `out`; the file is
+    there whole or as it was. RunError: it can not be written.
+    """
     with whole(out, "the recording") as part:
         if out.suffix.lower() == ".parquet":
             _parquet(part, columns)
@@ -92,7 +94,9 @@ def run_simulation(options: SimulationOptions, out: Path, overwrite: bool) -> No
 def simulate(
     model: ContactModel, options: SimulationOptions, shown: Callable[[float], None] = lambda _share: None
 ) -> dict[str, Array]:
-    """Simulates the columns time_s, position_m, force_n, each shape (n,). `shown` gets the share done.
+    """Simulates the columns time_s, position_m and force_n, each shape (n,): the model's force along the
+    motion with the sensor's noise and conversion, the position in steps of the encoder. `shown` gets the
+    share done, 0 to 1.
 
     Raises:
         InputError: the recorded motion can not be used, or the force is not finite.
@@ -113,7 +117,9 @@ def simulate(
 
 
 def _pieces(options: SimulationOptions, random: np.random.Generator) -> list[MotionPiece]:
-    """The motion and the stamps of the recording; several pieces where a followed recording has gaps."""
+    """Motions to simulate, each with its stamps in s: one of `MOTIONS`, or the pieces without gaps of the
+    recording that `motion` names. Draws a hand or a multisine from `random`.
+    """
     if options.motion not in MOTIONS:
         return _followed(Path(options.motion), options)
     duration_s = 30.0 if options.duration_s is None else options.duration_s
@@ -126,7 +132,9 @@ def _pieces(options: SimulationOptions, random: np.random.Generator) -> list[Mot
 
 
 def _followed(path: Path, options: SimulationOptions) -> list[MotionPiece]:
-    """Loads the recording; its pieces without gaps, at its own stamps or at `rate_hz`, to `duration_s`."""
+    """Loads a recording to follow, without its force; returns its pieces without gaps, with its own stamps or
+    a grid of `rate_hz`, to `duration_s` after its first stamp, or a day. ConfigurationError: no such file.
+    """
     if not path.exists():
         expected = ", ".join(MOTIONS)
         raise ConfigurationError(f"--motion {path}: expected {expected}, or the file of a recording")
@@ -148,7 +156,9 @@ def _grid(first_s: float, last_s: float, rate_hz: float) -> Array:
 
 
 def _check(options: SimulationOptions) -> None:
-    """Raises a ConfigurationError on more samples than fit, or columns of no recording."""
+    """Raises ConfigurationError: names of columns without a recording to follow, or a duration and rate that
+    ask for more than `_MOST_SAMPLES`.
+    """
     named = next((column for column in options.columns if column is not None), None)
     if options.motion in MOTIONS and named is not None:
         raise ConfigurationError(f"{named}: expected only with the file of a recording as --motion")

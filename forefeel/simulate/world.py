@@ -17,10 +17,10 @@ _CHUNK = 1000  # stamps per stretch of integration: bounds the memory and paces 
 def integrate(
     model: ContactModel, pieces: Sequence[MotionPiece], progress: Callable[[float], None]
 ) -> tuple[Array, Array]:
-    """Moves the model along the pieces; (position m, force N) at all their stamps, each shape (n,).
+    """Moves the model along the pieces; returns (position m, force N) at all their stamps, each shape (n,).
 
     From rest at the first stamp, from which the model's time counts; each piece is a new contact. Between two
-    stamps lie equal steps of at most 0.1 ms. `progress` is told the time reached.
+    stamps lie equal steps of at most 0.1 ms. `progress` gets the stamp reached, in s.
 
     Raises:
         ConfigurationError: the model gives a force that is not finite.
@@ -47,7 +47,9 @@ def integrate(
 def _steps(
     before_s: float, stamps_s: Array
 ) -> tuple[Array, Array, np.ndarray[tuple[int], np.dtype[np.intp]]]:
-    """(t, dt) of the integration up to each stamp, and the index of each stamp's own step."""
+    """Ends t and lengths dt of the integration steps in s from `before_s` through the stamps, in equal steps
+    of at most 0.1 ms from stamp to stamp; and the index of the step that ends at each stamp.
+    """
     intervals = np.diff(stamps_s, prepend=before_s)
     counts = [max(1, ceil(interval * PHYSICS_HZ * (1.0 - 1e-9))) for interval in intervals.tolist()]
     parts = np.repeat(np.array(counts), counts)
