@@ -289,7 +289,7 @@ class ContactLoss(ContactEffect):
         self._position_m, self._release_s = self.values["contact_position_m"], self.values["release_s"]
 
     def contact(self, m: Kinematics) -> tuple[Value, Value]:
-        """(depth in m, below 0 before the wall; 1 while the wall pushes, else 0)."""
+        """(depth in m, at most 0 while the wall does not push; 1 while it pushes, else 0)."""
         depth = m.x - self._position_m
         touching = m.above(depth)
         if self._release_s == 0.0:

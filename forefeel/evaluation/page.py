@@ -84,11 +84,7 @@ def _figure(evaluated: Evaluated, rows: Mask, title: str, caption: str) -> Figur
     trace, panels = evaluated.traces["forefeel"], []
     shade = band("95 % band", "predicted", time_s, trace.low_n[rows], trace.high_n[rows], GAP_S)
     measured = line("measured", "measured", time_s, force_n, GAP_S, **DOTTED)
-    unit = shown_unit("N")
-    for label, zero_n, more in (
-        (f"force, {unit}", 0.0 * force_n, [measured]),
-        (f"error, {unit}", force_n, []),
-    ):
+    for label, zero_n, more in ("force", 0.0 * force_n, [measured]), ("error", force_n, []):
         lines = [
             line("held, late", "late", time_s, held_n - zero_n, GAP_S, **DASHED),
             line("predicted", "predicted", time_s, predicted_n - zero_n, GAP_S),
