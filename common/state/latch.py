@@ -98,9 +98,7 @@ class Latch:
         return None if self.problem is None else _RETRY_S
 
     def write(self) -> None:
-        """Writes what is to be kept; sets `problem` to why that fails, or None, and reports a
-        change of it.
-        """
+        """Writes what is to be kept; sets `problem` to why that fails, or None, and reports its change."""
         before = self.problem
         try:
             self._write()

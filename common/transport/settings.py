@@ -104,8 +104,8 @@ class ImpairmentSettings(Settings):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        """Raises ValueError for a jitter beyond the delay, or a burst loss that the burst length can not
-        give.
+        """Raises ValueError for a jitter beyond the delay, or burst loss beyond what the burst
+        length gives.
         """
         if self.jitter_s > self.delay_s:
             raise ValueError(f"jitter_s = {self.jitter_s:g}: expected at most delay_s = {self.delay_s:g}")

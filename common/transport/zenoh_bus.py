@@ -185,7 +185,7 @@ class ZenohTransport:
 
     @property
     def hint(self) -> str:
-        """Text where a peer is connected to a router, which joins no two peers; empty else, or
+        """Text where a peer is connected to a router, which joins no two peers; else empty, as
         once closed.
         """
         if self._closed or self._mode != "peer":
