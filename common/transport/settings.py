@@ -104,9 +104,7 @@ class ImpairmentSettings(Settings):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        """Raises ValueError for a jitter beyond the delay, or burst loss beyond what the burst
-        length gives.
-        """
+        """Raises ValueError for a jitter beyond the delay, or a burst loss beyond what its length gives."""
         if self.jitter_s > self.delay_s:
             raise ValueError(f"jitter_s = {self.jitter_s:g}: expected at most delay_s = {self.delay_s:g}")
         limit = self.burst_length / (self.burst_length + 1)

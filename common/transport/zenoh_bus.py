@@ -185,9 +185,7 @@ class ZenohTransport:
 
     @property
     def hint(self) -> str:
-        """Text where a peer is connected to a router, which joins no two peers; else empty, as
-        once closed.
-        """
+        """Text where a peer meets a router, which joins no two peers; else, or once closed, empty."""
         if self._closed or self._mode != "peer":
             return ""
         transports = self._session.info.transports()
