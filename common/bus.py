@@ -87,7 +87,10 @@ class Bus:
         self.malformed: Counter[str] = Counter()
 
     def publisher(self, topic: Topic[Message]) -> Publisher:
-        """Publisher of a topic; of a batched one, the batch for observers waits for `end_batches`."""
+        """Publisher that sends each message at once, or only into a batch for observers, sent by
+        `end_batches`; a batched topic that crosses to the other end does both. Payloads also go into the
+        flight ring, if there is one. Asserts `topic.published`.
+        """
         assert topic.published, topic.name
         key = topic.key(self._cell, self._axis)
         puts: list[Put] = []
@@ -104,7 +107,7 @@ class Bus:
         return Publisher(self._codec, puts)
 
     def end_batches(self, now_ns: int, last: bool = False) -> None:
-        """Puts the batches for observers every 20 ms, or with `last`; called by the sender at each tick."""
+        """Sends and empties the batches for observers, every 20 ms or with `last`; called at each tick."""
         if now_ns - self._batched_ns < BATCH_NS and not last:
             return
         self._batched_ns = now_ns
@@ -124,13 +127,16 @@ class Bus:
         self._transport.subscribe(*self._received(topic, handler, on_malformed))
 
     def polled(self, topic: Topic[M], handler: Callable[[M, int], None]) -> Poll:
-        """Like `subscribe`, but hands over, in the order of sending, when what is returned is called."""
+        """Subscribes without a thread: the function that it returns calls `handler(message, receive_ns)` for
+        each message that waits, in the order of their sequence numbers. Malformed payloads are counted.
+        """
         waiting: list[tuple[M, int]] = []
         take = self._transport.polled(
             *self._received(topic, lambda message, receive_ns: waiting.append((message, receive_ns)))
         )
 
         def poll() -> None:
+            """Decodes what waits and calls `handler` for each message, by sequence number."""
             take()
             if len(waiting) > 1:
                 waiting.sort(key=_sequence)
@@ -146,12 +152,16 @@ class Bus:
         handler: Callable[[M, int], None],
         on_malformed: Callable[[], None] | None = None,
     ) -> tuple[str, Handler]:
-        """Key under which a topic is received, and the handler that decodes payloads and counts bad ones."""
+        """Key to subscribe to, and a handler of payloads that decodes them for `handler(message,
+        receive_ns)`. A payload that is no message is counted in `malformed` and calls `on_malformed`. Each
+        one goes into the flight ring, if there is one.
+        """
         kind, name, malformed, decode = topic.message, topic.name, self.malformed, self._codec.decode
         key = topic.key(self._cell, self._axis)
         received = None if self._rings is None else self._rings.ring(key).received
 
         def receive(payload: bytes, receive_ns: int) -> None:
+            """Keeps a payload in the flight ring, decodes it for `handler`; counts and reports a bad one."""
             if received is not None:
                 received(payload, receive_ns)
             try:

@@ -86,7 +86,7 @@ class _Smallest(Generic[V]):
         self._candidates: deque[tuple[int, V]] = deque()
 
     def with_newest(self, stamp_ns: int, value: V) -> V:
-        """Adds a value; returns the smallest of the span."""
+        """Adds a value; returns the smallest of the span that ends at `stamp_ns`, which must not go back."""
         candidates = self._candidates
         while candidates and candidates[-1][1] >= value:
             candidates.pop()
@@ -121,10 +121,10 @@ class ClockOffset:
         self.best: OffsetEstimate | None = None
 
     def update(self, t1: int, t2: int, t3: int, t4: int) -> None:
-        """Takes one exchange, see the module, into `best`; all in ns.
-
-        Exchanges that can not be (a negative round trip, an answer before its question: a clock that was set,
-        a forged stamp) are ignored. Nothing is known before the second.
+        """Takes the stamps of one exchange (see the module), in ns; sets `best` from the second one on. Each
+        way counts the longer transit of this exchange and the one before. The offset is that of the least
+        bound in the window; a bound grows with age. Ignores a negative round trip, t3 < t2, and an offset of
+        146 years: a clock that was set, a forged stamp.
         """
         outward_ns, inward_ns = t2 - t1, t4 - t3
         if outward_ns + inward_ns < 0 or t3 < t2 or abs(outward_ns - inward_ns) > 2 * _LARGEST_NS:
@@ -151,7 +151,9 @@ class ClockOffset:
         )
 
     def _follow_rate(self, span: _Span) -> None:
-        """Merges an exchange into its span of time; estimates the rate anew once a second."""
+        """Merges an exchange into the newest span of 0.2 s by its least transit each way, or begins the next
+        span. Each fifth span first sets `_rate_ppm` anew, from the spans before it.
+        """
         if not self._spans or self._spans[-1].number < span.number:
             if span.number % _SPANS_PER_LOOK == 0:
                 self._rate_ppm = _certain_rate_ppm(self._spans)
@@ -177,7 +179,9 @@ def _certain_rate_ppm(spans: Sequence[_Span]) -> float:
 
 
 def _agreed_rate_ppm(spans: Sequence[_Span]) -> float:
-    """The smallest rate of both directions in every third of the spans, 0 where two of them disagree."""
+    """Smallest by size of six certain rates in ppm, one of each direction in each third of the spans. 0
+    unless all six have the same sign.
+    """
     third = len(spans) // 3
     rates_ppm = [
         _certain_slope(points) * 1e6 / _SPAN_NS
@@ -192,7 +196,9 @@ def _agreed_rate_ppm(spans: Sequence[_Span]) -> float:
 
 
 def _certain_slope(points: Sequence[tuple[int, int]]) -> float:
-    """The slope of the regression line through the points, `_CERTAIN` standard errors nearer to 0."""
+    """Slope of the regression line through the (x, y) points, at least three, shrunk by `_CERTAIN` standard
+    errors towards 0; 0 where they exceed it.
+    """
     count = len(points)
     mean_x, mean_y = sum(x for x, _ in points) / count, sum(y for _, y in points) / count
     centred = [(x - mean_x, y - mean_y) for x, y in points]

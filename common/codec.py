@@ -57,10 +57,10 @@ def encode_batch(payloads: list[bytes]) -> bytes:
 
 
 def decode_batch(kind: type[M], payload: bytes) -> list[M]:
-    """The messages that an array holds, at most `MOST_BATCHED`; or the one that stands alone.
+    """Messages of type `kind` that a batch holds, at most `MOST_BATCHED`, or the one that stands alone.
 
     Raises:
-        CodecError: one of them is none, or there are more.
+        CodecError: one of them is no message of that type or protocol version, or there are more.
     """
     if payload[:1] != _ARRAY:
         return [decode(kind, payload)]
@@ -82,7 +82,9 @@ def _refusal(kind: type[Message], error: Exception) -> CodecError:
 
 
 def _message(kind: type[M], fields: msgspec.Struct) -> M:
-    """Makes the model of checked fields, unvalidated; raises CodecError for another protocol version."""
+    """Builds a message of type `kind` from decoded fields, without pydantic's validation. Raises CodecError
+    for another protocol version, except in a Handshake.
+    """
     message = kind.__new__(kind)
     values = msgspec.structs.asdict(fields)
     _set(message, "__dict__", values)
@@ -102,9 +104,9 @@ def _names(kind: type[Message]) -> set[str]:
 
 
 def _struct(kind: type[Message]) -> type[msgspec.Struct]:
-    """The fields of a model with their types, ranges and defaults; another name is refused.
+    """Makes the msgspec struct of a message type: its fields with type, range and default, and no others.
 
-    An array is built as long as it claims to be, so that `most_items` bounds each.
+    An array is built as long as it claims to be, so that `most_items` bounds each without an own limit.
     """
     hints = get_type_hints(kind, include_extras=True)
     fields = [
@@ -123,7 +125,9 @@ def _decoders(kind: type[Message]) -> tuple["msgspec.msgpack.Decoder[Any]", "msg
 
 
 def _type(hint: Any, most_items: int, rules: Sequence[Any] = ()) -> Any:  # noqa: ANN401 - a type
-    """The type of a model's field as msgspec writes it; `rules`: range, length and pattern by pydantic."""
+    """Translates the type of a pydantic field to msgspec, with its range, length and pattern. A tuple or dict
+    without a greatest length gets `most_items`. `rules`: pydantic's metadata of the field.
+    """
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Annotated:
         rules = [rule for info in inner[1:] if isinstance(info, FieldInfo) for rule in info.metadata]

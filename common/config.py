@@ -23,7 +23,10 @@ class Settings(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys_and_true_numbers(cls, data: Any) -> Any:  # noqa: ANN401 - raw input of pydantic
-        """Refuses unknown keys, and truth values or text for numbers: YAML reads yes and on as true."""
+        """Returns the raw data unchanged once its keys and values are checked; only a dict is. Raises
+        PydanticCustomError: an unknown key, with the nearest known one; ValueError: a truth value for a field
+        that takes none, or text for a number (YAML reads yes and on as true).
+        """
         for name, value in data.items() if isinstance(data, dict) else ():
             if name not in cls.model_fields:
                 known = sorted(cls.model_fields)

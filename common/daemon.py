@@ -23,7 +23,8 @@ _KNOWN_NS = SECOND_NS
 
 
 def impaired(inner: Transport, settings: LinkImpairment, role: Role, runtime: Runtime) -> ImpairedTransport:
-    """`inner` with the impairment of the settings, drawn anew from the seed or replayed from a recorded run.
+    """Wraps `inner` with the impairment of the settings: drawn from seeds, one for each role and direction,
+    or replayed from a recorded run. A direction without any passes unchanged.
 
     Raises:
         RecordingError: `replay` is no run of ours, or one without impairment of this end.
@@ -77,7 +78,7 @@ class Reports:
         runtime.task(f"{role} impairment trace", SECOND_NS // 10, self.impairment)
 
     def timing(self, now_ns: int) -> None:
-        """Publishes the lateness of the loop since its start."""
+        """Publishes the loop's lateness since its start: ticks, missed ones, quantiles, histogram."""
         lateness = self._lateness
         self._timing.send(
             LoopTiming(
@@ -102,7 +103,9 @@ class Reports:
             self.impairment(now_ns, last=True)
 
     def impairment(self, now_ns: int, last: bool = False) -> None:
-        """Publishes the trace since the last call; nothing in the first second, before a recorder listens."""
+        """Publishes the impairment's trace since the last call. Unless `last`, it keeps the trace for later
+        in the first second after the first call, before a recorder listens.
+        """
         self._since_ns = now_ns if self._since_ns is None else self._since_ns
         if now_ns - self._since_ns < _KNOWN_NS and not last:
             return

@@ -18,7 +18,9 @@ class ErrorSize:
 
 
 def error_size(estimate_n: Floats, force_n: Floats) -> ErrorSize:
-    """Size of `estimate_n - force_n`; None what no float can hold, as when a model ran away."""
+    """Root mean square, 95 % quantile and maximum of |estimate_n - force_n|, squared without overflow. Each
+    is None where it is not finite, as when a model ran away; all are None for empty arrays.
+    """
     if not len(force_n):
         return ErrorSize()
     with np.errstate(over="ignore", invalid="ignore"):

@@ -45,7 +45,9 @@ class FlightRing:
             self.add((receive_ns, payload))
 
     def between(self, first_ns: int, last_ns: int) -> list[Row]:
-        """The rows of that span, both ends included, in the order of their coming."""
+        """Rows stamped from `first_ns` to `last_ns`, both included, in the order they were added. Empty where
+        there are none, or where rows that are added meanwhile spoil all attempts to copy the ring.
+        """
         for _ in range(_COPY_ATTEMPTS):
             try:
                 rows = self._rows.copy()

@@ -30,9 +30,9 @@ class Heartbeats:
     def receive(self, heartbeat: Heartbeat, receive_ns: int) -> bool:
         """Takes a heartbeat of the peer, received at `receive_ns` of our clock; False where it is refused.
 
-        One that was received before, is stamped ahead of the others, or echoes what was never sent, is a
-        replay or a forgery and says nothing: neither that the peer lives nor what its clock shows. So a peer
-        whose clock is set back loses its session.
+        One taken is the next that `beat` echoes; its own echo updates `offset`. Refused as replay or forgery:
+        one not newer, or stamped ahead of the others; one whose echo was not sent lately, or is missing after
+        a heartbeat with one. So a peer whose clock is set back loses its session.
         """
         echo_ns, echo_receive_ns = heartbeat.echo_stamp_ns, heartbeat.echo_receive_ns
         known = not self._answered if echo_ns is None else echo_ns in self._sent_ns
@@ -45,7 +45,9 @@ class Heartbeats:
         return True
 
     def beat(self, session_id: int, now_ns: int) -> None:
-        """Sends a heartbeat that echoes the peer's newest with its receive stamp."""
+        """Sends a heartbeat that echoes the stamp of the peer's newest and when it came, None before any.
+        Keeps `now_ns` among the stamps that an echo may have.
+        """
         stamp_ns, receive_ns = self._newest or (None, None)
         self._sent_ns = (*self._sent_ns[1 - _REMEMBERED :], now_ns)
         self._publisher.send(

@@ -43,7 +43,9 @@ def fast_kernel(function: F) -> F:
 
 
 def _compiled(function: F, fastmath: bool | set[str]) -> F:
-    """Compiles by numba, once stale code is removed; plain Python where it is switched off."""
+    """Makes a numba function that is compiled at its first call and kept on the disk; plain Python where
+    `COMPILED` is false. First removes stale code. `fastmath`: what numba may do to sums, False: nothing.
+    """
     if not COMPILED:
         return _plain(function)
     import numba  # noqa: PLC0415 - not needed for plain Python
@@ -70,7 +72,7 @@ def _with_attributes(argument: object) -> object:
 
 @cache
 def _remove_stale_code() -> None:
-    """Removes all that numba has kept when any of the sources has changed.
+    """Deletes all code that numba has kept where a kernel's source has changed; once in a process.
 
     Numba takes what it kept for fresh as long as the kernel's own file is unchanged, though the code of every
     kernel that it calls is in there. Where the folder can not be written, as in a container, nothing changes.

@@ -41,7 +41,7 @@ class Lateness:
 
 
 def quantile_us(counts: list[int], q: float) -> float:
-    """Quantile of a histogram over `EDGES_US`, linear inside the bin; 0 when it is empty."""
+    """Quantile in us, linear inside a bin of `EDGES_US`; the last edge when it is beyond, 0 when empty."""
     rank = q * sum(counts)
     below = 0
     for index, count in enumerate(counts[:-1]):

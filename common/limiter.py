@@ -59,7 +59,7 @@ def open_speed_m_s(limits: AxisLimits, reaction: Reaction) -> float:
 
 
 def claim(limits: AxisLimits, reaction: Reaction) -> str:
-    """One line on the speed, wall, cell and stage for which the force limit holds."""
+    """Line on the speed up to which the force limit holds, stiffest wall, delays of cell and stage."""
     reading_s, filter_s, stage_s, run_on_s = reaction
     return (
         f"limit {limits.max_force_n:g} N holds up to {1e3 * open_speed_m_s(limits, reaction):.3g} mm/s "
@@ -133,10 +133,10 @@ class MotionLimiter:
         force_share: float = 1.0,
         band_n: tuple[float, float] | None = None,
     ) -> list[LimitHit]:
-        """Moves by one step of dt towards a position that moves with a velocity; returns what limited it.
-
-        `velocity_share`: the ramp on engaging, 0 to 1. `force_share`: of the force limit, where it acts.
-        `band_n`: where the force is expected for this position; it only ever slows the setpoint.
+        """Moves the setpoint by one step of dt towards a position that moves with a velocity; returns what
+        limited it (empty: nothing) and sets `force_limited`. `velocity_share`: the ramp on engaging, 0 to 1.
+        `force_share`: of the force limit; unless 1, no yielding to a force. `band_n`: where the force is
+        expected for this position; it only ever slows the setpoint.
         """
         hits: list[LimitHit] = []
         self._age(dt_s)
@@ -177,7 +177,9 @@ class MotionLimiter:
         return _clip(velocity_m_s, _stoppable_m_s(room_m, self._wall_m_s2, dt_s))
 
     def _age(self, dt_s: float) -> None:
-        """Advances the time by dt; finds how much of the path of the setpoint the force shows."""
+        """Advances the time by dt; leaves in `_shown[0]` the path of the setpoint that the newest force shows
+        already, by `age_s` and the delays of `reaction`.
+        """
         reaction, self._dt_s = self.reaction, dt_s
         self._time_s += dt_s
         passed = 1.0 - exp(-dt_s / reaction.filter_s) if reaction.filter_s > 0.0 else 1.0
@@ -207,7 +209,10 @@ class MotionLimiter:
         band_n: tuple[float, float] | None,
         hits: list[LimitHit],
     ) -> float:
-        """The velocity that what is left of the force limit in its direction allows."""
+        """Velocity, slowed to 0 at most, that the rest of the force limit allows in its direction. Where that
+        slows it, sets `force_limited` and adds to `hits`, else clears it. `band_n`: expected force, low and
+        high; while the measured one is below half the limit, it does not slow below 5 mm/s.
+        """
         self.force_limited = False
         if velocity_m_s == 0.0:
             return velocity_m_s
@@ -235,8 +240,10 @@ class MotionLimiter:
         return sign * fastest_m_s
 
     def _yielding(self, velocity_m_s: float, force_n: float, most_m_s: float, hits: list[LimitHit]) -> float:
-        """The velocity out of a wall that pushes beyond the limit; the hand's own where that leads out. No
-        further than `_YIELD_M` from where the hand went: a force that stays is of no wall that moves.
+        """Velocity backwards, out of a wall whose force is over 5 % beyond the limit; else, or where the
+        velocity is negative itself, unchanged. Yielding sets `force_limited` and adds a "force" hit. Goes at
+        most `most_m_s`, and `_YIELD_M` back from the furthest point since the last way back: a force that
+        stays is of no wall that moves.
         """
         excess_n = force_n - (1.0 + OVER_SHARE) * self._force_n
         if excess_n <= 0.0 or velocity_m_s < 0.0:

@@ -116,7 +116,7 @@ def load_prior(path: Path) -> StoredPrior | None:
 
 def nearest(directory: Path, instrument: str, patient: str) -> Start | None:
     """Start of a session with that instrument and patient: the patient's own prior, else that of the patient
-    who had the instrument last, widened for another patient. None where there is neither.
+    who had the instrument last, each widened, the latter more. None where there is neither.
 
     One patient and not a mean of all: vessels differ in where they are touched, and a mean of walls is no
     wall.
@@ -138,11 +138,10 @@ def nearest(directory: Path, instrument: str, patient: str) -> Start | None:
 def keep_prior(
     directory: Path, instrument: str, patient: str, learned: ContactPrior, today: date
 ) -> StoredPrior:
-    """Writes what a session learned of that instrument and patient. What was stored is part of it by its
-    information: the session started from there.
+    """Writes what a session learned of that instrument and patient, and returns it with one session more.
 
-    A file is there as before or as new, whatever interrupts the write; it and new folders are for their owner
-    alone.
+    It replaces what was stored, which is part of it: the session started from there. A file is there as
+    before or as new, whatever interrupts the write; it and new folders are for their owner alone.
 
     Raises:
         ConfigurationError: a bad key, or a file there that can not be used and stays as it is.
@@ -166,7 +165,9 @@ def keep_prior(
 
 
 def _write(path: Path, document: dict[str, Any]) -> None:
-    """Writes the document whole or not at all; file and new folders are for their owner alone."""
+    """Writes the document as JSON, whole or not at all, on the disk when it returns; raises RunError where it
+    can not. File and new folders are for their owner alone.
+    """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         path.parent.parent.mkdir(parents=True, exist_ok=True, mode=0o700)

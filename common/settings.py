@@ -138,7 +138,9 @@ class AxisSettings(Settings):
 
     @model_validator(mode="after")
     def _protects(self) -> Self:
-        """Refuses a value beyond its bound beside hardware unless `unsafe` names it, and idle names there."""
+        """Refuses by ValueError a setting beyond its bound if stage or handle is hardware and `unsafe` does
+        not name it, and a key in `unsafe` whose setting is not beyond its bound. Null counts as infinity.
+        """
         real = any(self.sections[slot].hardware for slot in ("stage", "handle") if slot in self.sections)
         beyond = list[str]()
         for key, low, high, why in self.bounds:
@@ -237,7 +239,9 @@ def settings_hash(text: str) -> str:
 
 
 def differences(mine: str, theirs: str) -> str:
-    """Differences between two `shared_text`s by field; `theirs` comes from the network, may be anything."""
+    """Text on the fields in which two `shared_text`s differ, one line of 200 characters at most; empty: none.
+    Of another protocol version it says nothing else. `theirs` comes from the network, may be anything.
+    """
     try:
         other = json.loads(theirs)
     except (ValueError, RecursionError):

@@ -33,7 +33,10 @@ class StampOrder:
         self._row = (0, 0, 0)  # count, transit and receive stamp of the first
 
     def judge(self, stamp_ns: int, receive_ns: int) -> Order:
-        """Place of a message in the stream; one that is newer becomes the newest."""
+        """Order of a message: "newer" (then the newest), "older" (or equal), "ahead" (over 20 ms too early).
+        A row of others that agree is a clock that was set: the last of them sets `step_ns`, else 0, and is
+        "newer", one that is older only with `backwards`.
+        """
         transit_ns, self.step_ns = receive_ns - stamp_ns, 0
         slower_ns = transit_ns - self._fastest_ns
         order: Order = "newer"
@@ -57,7 +60,9 @@ class StampOrder:
         return "newer"
 
     def _completes_row(self, transit_ns: int, receive_ns: int) -> bool:
-        """Adds a refused message to the row; True, and an empty row, when enough of them agree."""
+        """Adds a refused message to the row; True, and an empty row, when enough of them agree over 50 ms.
+        One whose transit differs begins a new row.
+        """
         count, row_transit_ns, first_ns = self._row
         if count == 0 or abs(transit_ns - row_transit_ns) > _AGREEMENT_NS:
             count, row_transit_ns, first_ns = 0, transit_ns, receive_ns

@@ -133,7 +133,7 @@ def checked_segment(text: str, what: str) -> str:
 
 @lru_cache(maxsize=1024)
 def parse_key(key: str) -> tuple[str, str, Topic[m.Message]] | None:
-    """(cell, axis, topic) of a concrete key, or None when it is not one of ours."""
+    """Cell, axis and topic of a concrete key, plain or `direct`; None when it is none of the topic table."""
     parts = key.removeprefix(_DIRECT).split("/", 3)
     if len(parts) != 4 or parts[0] != "forefeel" or parts[3] not in BY_NAME:
         return None

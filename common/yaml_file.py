@@ -22,7 +22,7 @@ class _Loader(yaml.SafeLoader):
     """
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:  # noqa: ANN401
-        """Refuses aliases and tags."""
+        """Composes the next node as PyYAML does; raises yaml.MarkedYAMLError for an alias or a tag."""
         event: Any = self.peek_event()  # type: ignore[no-untyped-call]
         alias = self.check_event(yaml.AliasEvent)
         if alias or event.tag is not None:

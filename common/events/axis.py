@@ -44,7 +44,9 @@ class EventCoalescer(Generic[K, E]):
             self.total += count
 
     def drain(self, now_ns: int, last: bool = False) -> list[tuple[K, E, int]]:
-        """Removes what is due, with `last` all: key, first event, and count since the last time."""
+        """Removes and returns what is due, or all with `last`: key, first event, count since it was last
+        drained. A key is due at once the first time, then `interval_ns` after it was last returned.
+        """
         if not self._open:
             return []
         with self._lock:
@@ -97,7 +99,9 @@ class AxisEvents:
         return session is not None
 
     def publish(self, session_id: int, now_ns: int, last: bool = False) -> None:
-        """Publishes the limits that are due; with `last` all there are."""
+        """Publishes a LimitEvent for each rule that is due (once in 0.1 s), with the count since the last;
+        with `last` for all. `_limited` gets each one first; values are clipped to the range of the message.
+        """
         for _, hit, count in self.limits.drain(now_ns, last):
             self._limited(hit, count, now_ns)  # first: what can not be published is written down all the same
             # a number of a command may be 2^63
@@ -110,7 +114,9 @@ class AxisEvents:
             )
 
     def write(self, malformed: Mapping[str, int], now_ns: int, last: bool = False) -> None:
-        """Logs what is due. `malformed`: payloads that were no message, by topic."""
+        """Logs the repeated events that are due, or all with `last`, new malformed payloads among them; adds
+        a notice, once, that the event log has lost lines. `malformed`: such payloads so far, by topic.
+        """
         for topic, count in malformed.items():
             new = count - self._payloads.get(topic, 0)
             if new:
@@ -136,7 +142,9 @@ class AxisEvents:
             self._note(event, now_ns, name=name, count=count, **details)
 
     def _transition(self, entry: str, transition: Transition, session: int, now_ns: int) -> None:
-        """Logs a transition; asks for a flight record where it halts the axis or ends a motion unasked."""
+        """Logs a safety transition as the event `entry`; requests a flight record where it enters FAULT or
+        ESTOPPED, or leaves a following state by an event of `UNASKED`.
+        """
         before, event, after, reason = transition
         self._note(
             entry, now_ns,

@@ -65,7 +65,7 @@ NULL_EVENT_SINK = EventSink()
 
 
 def peer(handshake: Handshake) -> dict[str, Detail]:
-    """Identity of the other end, for an event about a session."""
+    """Details of a log event by a handshake: session; the peer's instance, software, settings, drivers."""
     return {
         "session": handshake.session_id,
         "peer": handshake.instance_id,

@@ -47,7 +47,7 @@ PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: ""}
 
 
 def event_text(message: Message) -> str:
-    """The event in one line; empty for a message that is no event."""
+    """The event in one line; empty for any other message, and for the handshake of a master."""
     match message:
         case SafetyEvent() | MasterEvent():
             return f"{message.before} -> {message.after}, {message.event}: {message.reason}"
@@ -78,7 +78,9 @@ def above_limit(force_n: float, limit_n: float) -> str:
 
 
 def obstacle(rule: str, value: float, limit: float) -> str:
-    """Reason for which an axis does not arm; empty for a rule that does not prevent it."""
+    """Reason for which an axis does not arm, one line; empty for a rule that does not prevent it. `value` and
+    `limit`: in s for ROUND_TRIP, m/s for SLOW_LIMIT, N for ZERO.
+    """
     if rule == ROUND_TRIP:
         return long_round_trip(value, limit)
     if rule == SLOW_LIMIT:
@@ -110,8 +112,8 @@ def _limit(event: LimitEvent) -> str:
 
 @contextmanager
 def units_of(*columns: Mapping[Any, str]) -> Iterator[None]:
-    """Shows rad for m, and N m for N, in its body, where all of these recordings have angles, or torques.
-    `columns`: as of a `Recording`, each `unit:column`.
+    """Context in which `shown_unit` and `quantity` show rad for m where all of these recordings have angles,
+    and N m for N where all have torques. `columns`: as of a `Recording`, each `unit:column`.
     """
     units = [{key: text.partition(":")[0] for key, text in recording.items()} for recording in columns]
     angles = all(recording.get("position") in {"rad", "deg"} for recording in units)
@@ -132,7 +134,9 @@ def shown_unit(unit: str) -> str:
 
 
 def quantity(value: float | None, unit: str) -> str:
-    """`value` in `unit` with three digits and a prefix from nano to none: 0.0123 N is `12.3 mN`."""
+    """Text of `value` with three digits and a prefix from nano to none: 0.0123 N is `12.3 mN`; a dash for
+    None. `unit`: of m and N, shown as `shown_unit` has it.
+    """
     if value is None:
         return UNKNOWN
     unit = shown_unit(unit)
@@ -149,7 +153,7 @@ def power_of_1000(value: float, least: int = -3) -> int:
 
 
 def span(seconds: float) -> str:
-    """A time that has passed: 3.2 s, 48 s, 2 min 05 s, 1 h 07 min."""
+    """Text of a time that has passed: 3.2 s, 48 s, 2 min 05 s, 1 h 07 min; a negative one is 0.0 s."""
     if seconds < 10.0:
         return f"{max(seconds, 0.0):.1f} s"
     whole = int(seconds)

@@ -69,7 +69,9 @@ class CellScale(NamedTuple):
     full_scale_n: float
 
     def flaw(self, gain_n: float, zero: float) -> str | None:
-        """Reason for which that gain and zero are not of such a cell, else None."""
+        """Text on a gain more than a factor of 2 off the data sheet, or a zero beyond full scale; else None.
+        `gain_n`: in N for a native unit, `zero`: in native units.
+        """
         low_n, high_n = self.newton_per_native / SCALE_FACTOR, self.newton_per_native * SCALE_FACTOR
         if not low_n <= gain_n <= high_n:
             return (
@@ -107,7 +109,9 @@ def stage_calibration(
     travel_m: tuple[float, float],
     native_per_m: float,
 ) -> StageCalibration:
-    """A stage's calibration, checked as in `load_cell_calibration`; covers `travel_m`, with that scale."""
+    """Reads a stage's calibration, checked as in `load_cell_calibration`. Raises ConfigurationError, too,
+    where its scale is over 1 % off `native_per_m`, or its travel does not cover `travel_m`.
+    """
     stored = load_settings(StageCalibration, path)
     _check(path, stored, driver, serial, today)
     if abs(stored.native_per_m - native_per_m) > _STAGE_TOLERANCE * native_per_m:
@@ -127,7 +131,9 @@ def stage_calibration(
 def _check(
     path: Path, stored: LoadCellCalibration | StageCalibration, driver: str, serial: str, today: date
 ) -> None:
-    """Raises ConfigurationError for another device, or a date of the future or out of its validity."""
+    """Raises ConfigurationError for another driver or serial number, a date after `today`, or one that is
+    more than `valid_days` old.
+    """
     advice = _again(stored)
     for name, value, expected in (("driver", stored.driver, driver), ("serial", stored.serial, serial)):
         if value != expected:

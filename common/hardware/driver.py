@@ -118,10 +118,13 @@ def driver_of(slot: Slot, settings: DriverSettings) -> InstalledDriver:
 
 
 def driver_settings(slot: Slot) -> BeforeValidator:
-    """Reads a section of a YAML file by the settings of the driver that it names."""
+    """Validator of pydantic that turns a section of a YAML file into the settings of the driver it names."""
 
     def read(data: object, info: ValidationInfo) -> object:
-        """Validates a section by the settings of the driver that it names; passes settings through."""
+        """Validates a section by the settings of the driver that it names; returns DriverSettings as they
+        are. Raises ValueError: no mapping, or a driver that can not be imported; PydanticKnownError: none is
+        named, or none of that name is installed for the slot.
+        """
         if isinstance(data, DriverSettings):
             return data
         if not isinstance(data, dict):
@@ -150,7 +153,9 @@ _installed = cache(entry_points)  # each look takes 4 ms, and what is installed 
 
 
 def _loaded(slot: Slot, entry: EntryPoint) -> InstalledDriver:
-    """Imports an entry point's driver; raises ConfigurationError where it is none, or of another name."""
+    """Imports the driver of an entry point; returns it with its distribution's name and version. Raises
+    ConfigurationError where it can not be imported, is no Driver, or its settings are of another name.
+    """
     try:
         driver = entry.load()
     except (ImportError, AttributeError) as error:

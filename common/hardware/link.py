@@ -59,10 +59,10 @@ class DeviceLink:
         return self._inhibited
 
     def advance(self, to: LinkState) -> None:
-        """Takes the next step of the handshake; after a fault CONFIGURED is the last without `rearm`.
+        """Takes `to`, the next step of the handshake, as state; READY does nothing while a fault inhibits it.
 
         Raises:
-            ValueError: a step is left out.
+            ValueError: `to` is not the next step.
         """
         with self._lock:
             if to != self._state + 1:
@@ -94,7 +94,7 @@ class DeviceLink:
             self._state = LinkState.CLOSED
 
     def rearm(self) -> None:
-        """Lifts the inhibition after a fault: READY again.
+        """Lifts the inhibition after a fault and makes a CONFIGURED link READY; does nothing without a fault.
 
         Raises:
             DeviceError: the handshake has not been repeated yet; the inhibition stays.

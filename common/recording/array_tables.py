@@ -55,7 +55,9 @@ class ArrayTable:
 
 @contextmanager
 def reading(path: Path, what: str, package: str) -> Iterator[None]:
-    """Makes a library's exception a RecordingError, ignores its warnings; `package` may be missing."""
+    """Context that makes any exception of a library a RecordingError and ignores warnings. The text says
+    `what` was expected, or for an ImportError to install `package`.
+    """
     try:
         with warnings.catch_warnings(action="ignore"):
             yield
@@ -100,7 +102,9 @@ def spreadsheet(path: Path) -> TextTable:
 
 
 def _as_text(path: Path) -> tuple[bytes, list[str]]:
-    """The sheet as text with tabs, and a note on which one it is where there are several."""
+    """The first sheet with `_LEAST_ROWS` rows of numbers, as text with tabs, and a note on it where there are
+    several; else the first that is not empty. Raises RecordingError: no cells, unreadable, too large.
+    """
     with reading(path, "a spreadsheet", "openpyxl"), opened(path) as file:
         import openpyxl  # noqa: PLC0415 - an extra
 
@@ -130,7 +134,8 @@ def _as_text(path: Path) -> tuple[bytes, list[str]]:
 
 
 def parquet(path: Path) -> ArrayTable:
-    """A Parquet file; lists in each row become a column an element.
+    """Table of a Parquet file, whose columns are read when they are asked for. Lists become a column an
+    element, `name[i]`; structs, maps and binary columns are left out.
 
     Raises:
         RecordingError: unreadable, or no Parquet file.
@@ -153,7 +158,9 @@ def parquet(path: Path) -> ArrayTable:
 
 
 def _elements(path: Path, whole: Any, field: Any) -> int:  # noqa: ANN401 - of pyarrow
-    """Length of the first list of numbers in a column."""
+    """Length of the first list in a column, at most `_MOST_ELEMENTS`; 0: no numbers, no row, or null.
+    `whole`: the open ParquetFile; `field`: the list column of its schema. Raises RecordingError if too large.
+    """
     from pyarrow import types  # noqa: PLC0415
 
     if not (types.is_integer(field.type.value_type) or types.is_floating(field.type.value_type)):
@@ -165,7 +172,9 @@ def _elements(path: Path, whole: Any, field: Any) -> int:  # noqa: ANN401 - of p
 
 
 def _require_column(path: Path, metadata: Any, name: str) -> None:  # noqa: ANN401 - of pyarrow
-    """Refuses a column that unpacks to too much: a zero that is stored once may stand for many values."""
+    """Raises RecordingError for a Parquet column that unpacks to too much, by 8 bytes a value at least: a
+    zero that is stored once may stand for many. `metadata`: of the whole file; columns below `name` count.
+    """
     groups = (metadata.row_group(i) for i in range(metadata.num_row_groups))
     chunks = (group.column(i) for group in groups for i in range(group.num_columns))
     sizes = (
@@ -177,7 +186,9 @@ def _require_column(path: Path, metadata: Any, name: str) -> None:  # noqa: ANN4
 
 
 def _parquet_column(path: Path, name: str, element: int | None = None) -> Array:
-    """Reads a column in batches, so that little but the column is held."""
+    """Reads a column, or that element of its lists, as float64; what is missing is NaN, times are in s. In
+    batches, so that little but the column is held. Raises RecordingError: too large, or no numbers.
+    """
     import pyarrow as arrow  # noqa: PLC0415 - slow to import
     from pyarrow import compute  # noqa: PLC0415
     from pyarrow.parquet import ParquetFile  # noqa: PLC0415
@@ -205,7 +216,8 @@ def _parquet_column(path: Path, name: str, element: int | None = None) -> Array:
 
 
 def matlab(path: Path) -> ArrayTable:
-    """The variables of a .mat that have equally many rows; version 7.3 is HDF5.
+    """Table of the numeric variables of a .mat that have the most common number of rows, those in structures
+    by dotted names; version 7.3 is HDF5.
 
     Raises:
         RecordingError: unreadable, damaged, or no table in it.
@@ -224,7 +236,8 @@ def matlab(path: Path) -> ArrayTable:
 
 
 def _require_matlab_room(path: Path, file: BinaryIO) -> None:
-    """Bounds the variables of level 5, with what cells and structures hold, before scipy reads them.
+    """Raises RecordingError where the variables of level 5, with what cells and structures hold, would take
+    too much memory. Reads the open file to its end for that.
 
     Goes from element to element (MAT-File Format, MathWorks, chapter 1), whatever length a matrix states, as
     scipy does.
@@ -242,10 +255,13 @@ def _require_matlab_room(path: Path, file: BinaryIO) -> None:
 
 
 def _memory(data: memoryview, order: str) -> int:
-    """Bytes that scipy takes for the elements in `data`, with what cells and structures hold."""
+    """Bytes of memory that scipy takes for the elements in `data`, with what cells and structures hold.
+    `data`: whole elements of level 5, not compressed; `order`: of their bytes, `<` or `>`.
+    """
     words, at, size = struct.Struct(f"{order}II"), 0, 0
 
     def element() -> tuple[int, memoryview]:
+        """Kind and bytes of the element at `at`, which goes on behind it, of a matrix behind its tag."""
         nonlocal at
         kind, length = words.unpack_from(data, at)
         if small := kind >> 16:  # up to four bytes stand in the tag itself
@@ -272,10 +288,11 @@ def _memory(data: memoryview, order: str) -> int:
 
 
 def hdf5(path: Path) -> ArrayTable:
-    """The data sets of an HDF5 file that have equally many rows.
+    """Table of the numeric data sets of an HDF5 file, by dotted path, that have the most common number of
+    rows; each is read when it is asked for.
 
     Raises:
-        RecordingError: not installed, unreadable, damaged, or no table in it.
+        RecordingError: not installed, unreadable, damaged, no table in it, or a data set in another file.
     """
     datasets: dict[str, Any] = {}
     with reading(path, "an HDF5 file", "h5py"), opened(path):
@@ -293,7 +310,9 @@ def hdf5(path: Path) -> ArrayTable:
 
 
 def _require_chunks(path: Path, values: Any) -> None:  # noqa: ANN401 - of h5py
-    """Refuses chunks beyond the room: one may be larger than its data set, and than its size says."""
+    """Raises RecordingError for a data set of h5py with chunks that unpack beyond the room: one may be larger
+    than its data set, and than its size says. Unpacks chunks of gzip that may be.
+    """
     require_room(path, values.dtype.itemsize * prod(values.chunks or (0,)))
 
     def check(chunk: Any) -> None:  # noqa: ANN401 - of h5py
@@ -305,7 +324,7 @@ def _require_chunks(path: Path, values: Any) -> None:  # noqa: ANN401 - of h5py
 
 
 def _flat(variables: Mapping[str, Any], head: str = "") -> dict[str, Array]:
-    """Numeric arrays of nested structures, by the dotted path of their names."""
+    """Numeric arrays of nested structures by dotted path, which begins with `head`; all else is left out."""
     arrays: dict[str, Array] = {}
     for name, value in variables.items():
         if isinstance(value, Mapping):
@@ -316,7 +335,9 @@ def _flat(variables: Mapping[str, Any], head: str = "") -> dict[str, Array]:
 
 
 def _table(path: Path, arrays: Mapping[str, Any], units: Mapping[str, str] | None = None) -> ArrayTable:
-    """Table of the arrays or data sets that have the usual length, a matrix as its columns."""
+    """Table of the arrays or data sets of the most common length (the longest of equals), read when asked
+    for; a matrix as its columns `name[i]`, along the longer side. Raises RecordingError where there are none.
+    """
     columns: dict[str, tuple[int, Callable[[], Array]]] = {}
     for name, values in arrays.items():
         sides = [side for side in values.shape or () if side != 1]
@@ -334,7 +355,9 @@ def _table(path: Path, arrays: Mapping[str, Any], units: Mapping[str, str] | Non
 
 
 def _line(path: Path, values: Any, row: int | None = None) -> Array:  # noqa: ANN401 - an array or a data set
-    """One array, or one row or column of a matrix along its longer side, as float64."""
+    """One array, or of a matrix line number `row` along its longer side, as float64; dates in s since 1970.
+    Raises RecordingError: too large, or unreadable.
+    """
     require_room(path, 8 * values.size)
     with reading(path, "a table", ""):
         values = np.squeeze(values[()])
@@ -347,7 +370,8 @@ def _line(path: Path, values: Any, row: int | None = None) -> Array:  # noqa: AN
 
 
 def tdms(path: Path) -> ArrayTable:
-    """The channels of a LabVIEW file that have equally many samples, and the time of a waveform.
+    """Table of the channels of a LabVIEW file, numbers or dates, that have the most common number of samples,
+    with the file's units; and `time_s` from 0, where the first channel is a waveform.
 
     Raises:
         RecordingError: not installed, unreadable, damaged, or no table in it.

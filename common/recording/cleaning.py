@@ -42,7 +42,9 @@ def _selected(
 
 
 def _ordered(time_s: Array, values: Array, done: list[str]) -> tuple[Array, Array]:
-    """Puts late rows in their place; where the time goes back further, appends another run."""
+    """Puts rows up to 100 intervals late in their place; where the time goes back further another run begins,
+    whose stamps go on 1 s after the last. Returns stamps and values, with notes on it in `done`.
+    """
     steps = np.diff(time_s)
     back = np.flatnonzero(steps < 0.0)
     if not len(back):
@@ -62,7 +64,9 @@ def _ordered(time_s: Array, values: Array, done: list[str]) -> tuple[Array, Arra
 
 
 def _spread(time_s: Array, done: list[str]) -> Array:
-    """Spreads stamps that are rounded, or stand for a packet of samples, evenly to the next one."""
+    """Spreads equal stamps (rounded, or of a packet of samples) evenly to the next one, over `GAP_S` at most,
+    with a note in `done`. Unchanged where none are equal, or with fewer than three different ones.
+    """
     first = np.flatnonzero(np.append(True, np.diff(time_s) > 0.0))
     if len(first) == len(time_s) or len(first) < 3:
         return time_s

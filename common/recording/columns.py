@@ -40,7 +40,9 @@ class Choice:
 
 
 def candidates(names: Sequence[str], units: NamedUnits[str, str], quantity: Quantity) -> list[Choice]:
-    """The columns whose name speaks of the quantity; the canonical name alone, where it is there."""
+    """Columns whose name speaks of the quantity and of no derivative; the canonical name, such as `time_s`,
+    alone where it is there. Those without a unit only where none has one. `units`: of the file, by column.
+    """
     canonical = _CANONICAL[quantity]
     if canonical in names:
         return [Choice(canonical, canonical.partition("_")[2].replace("n", "N"))]
@@ -55,7 +57,9 @@ def candidates(names: Sequence[str], units: NamedUnits[str, str], quantity: Quan
 
 
 def undecided(names: Sequence[str], units: NamedUnits[str, str], quantity: Quantity) -> list[Choice]:
-    """Columns that may hold the quantity: their names speak of no other one and of no derivative."""
+    """Columns that may hold the quantity: their names have no unit of another one, and are no derivative.
+    `units`: of the file, by column; the choice has its unit from there alone, or None.
+    """
     others = [other for other in QUANTITIES if other != quantity]
     return [
         Choice(name, unit_of(quantity, units.get(name, "")))

@@ -105,7 +105,7 @@ def load_recording(
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """The recordings in a folder, by name; hidden files are none.
+    """Sorted paths of the files with one of `SUFFIXES` in a folder; hidden files are left out.
 
     Raises:
         ConfigurationError: none, or the folder can not be read.
@@ -123,7 +123,9 @@ def recordings_in(folder: Path) -> list[Path]:
 def recording_of(
     table: Table, name: str, source: str, mapping: Mapping | None = None, force: bool | None = None
 ) -> Recording:
-    """The recording in a table; see `load_recording`."""
+    """The recording in a table, in SI and cleaned; see `load_recording`, also for what is raised. `source`:
+    head of error texts. The time keeps its origin, but stamps since 1970 begin at 0.
+    """
     chosen = _chosen(source, table, mapping or Mapping(), force)
     numbers = table.read([column for column, _ in chosen.values()])
     factors = [TO_SI[quantity][unit] for quantity, (_, unit) in chosen.items()]
@@ -149,7 +151,10 @@ Chosen = dict[Quantity, tuple[str, str]]
 
 
 def _chosen(source: str, table: Table, mapping: Mapping, force: bool | None) -> Chosen:
-    """Column and unit of each quantity, as given or by its name; raises UnclearError where in doubt."""
+    """Column and unit of each quantity, as given or by its name; without force where it is False, or None and
+    no column is named so. Raises UnclearError where in doubt, RecordingError where a given column is missing
+    or none can be meant.
+    """
     given = mapping.columns()
     for quantity, (column, _) in given.items():
         if column not in table.names:
@@ -184,7 +189,9 @@ def _doubt(quantity: Quantity, choices: Sequence[Choice]) -> str:
 
 
 def _unclear(source: str, table: Table, chosen: Chosen, doubts: dict[Quantity, str]) -> RecordingError:
-    """The error on what is in doubt, with the columns that are likely by their names, place and numbers."""
+    """UnclearError on what is in doubt, with columns and units that are likely by names, place and numbers.
+    Raises RecordingError where no column can be meant. `doubts`: what is not sure, by quantity.
+    """
     free = [name for name in table.names if name not in {column for column, _ in chosen.values()}]
     likely: dict[str, str] = {}
     for quantity, doubt in doubts.items():

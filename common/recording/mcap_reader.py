@@ -66,7 +66,9 @@ class Run:
         self.axes: tuple[str, ...] = tuple(sorted({axis for axis, _ in self._streams}))
 
     def _read(self, records: RecordReader) -> None:
-        """Sorts messages by stream, metadata by name; raises RecordingError where a record does not fit."""
+        """Fills the streams, `cell` and `metadata` from the records. Raises RecordingError: a message of a
+        channel that is not declared, of a second cell, or not as many as the statistics say.
+        """
         channels, count = dict[int, Stream](), 0
         for record in records:
             if isinstance(record, MessageRecord):
@@ -85,7 +87,9 @@ class Run:
                 raise RecordingError(f"{self.path}: damaged, {counts}")
 
     def _stream_of(self, channel: Channel) -> Stream:
-        """The stream that takes the messages of a channel; one that nobody reads for a foreign channel."""
+        """The stream of the channel's axis and topic; for a foreign channel, or not in JSON, a new one that
+        nobody reads. Sets `cell`; raises RecordingError for a second cell.
+        """
         ours = parse_key(channel.topic)
         if ours is None or channel.message_encoding != "json":
             return Stream()
@@ -146,9 +150,10 @@ class Run:
         )
 
     def impairment_trace(self, topic: str, link: str) -> tuple[tuple[int, ...], ...]:
-        """The delays in ns of each message that passed `link`, by arrival; empty when it was not impaired.
+        """The delays in ns of each message that passed `link`, by arrival; empty when it was not impaired. A
+        message has none where it was lost, two where it was doubled.
 
-        `topic` is the name of one of the two impairment topics.
+        `topic` is the name of one of the two impairment topics, `link` is inbound or outbound.
 
         Raises:
             RecordingError: a part of the trace is missing.
@@ -184,7 +189,9 @@ class Run:
 
 
 def _decoded(kind: type[M], payloads: list[bytes], first: int, where: str) -> list[M]:
-    """Messages of the payloads; raises RecordingError that names the first that is none."""
+    """Messages of payloads in JSON, validated; raises RecordingError that names the first that is none.
+    `first`: number of the first payload in its stream, for that text, as is `where`.
+    """
     try:  # as one JSON array, which is faster than one by one
         messages: list[M] = _LIST_OF(kind).validate_json(b"[%b]" % b",".join(payloads))
     except ValidationError:
@@ -195,7 +202,7 @@ def _decoded(kind: type[M], payloads: list[bytes], first: int, where: str) -> li
 
 
 def decoded_one(kind: type[M], payload: bytes, where: str) -> M:
-    """The message of a payload; raises RecordingError that says `where`, and which field is wrong."""
+    """Message of a payload in JSON; raises RecordingError that says `where`, and which field is wrong."""
     try:
         return kind.model_validate_json(payload)
     except ValidationError as error:

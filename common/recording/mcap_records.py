@@ -31,7 +31,7 @@ class _WholeReads:
         self._file, self._left = file, size - file.tell()
 
     def read(self, length: int) -> bytes:
-        """Reads all `length` bytes; raises _CutError where fewer are left."""
+        """Reads all `length` bytes; raises _CutError where fewer are left, ValueError for a negative one."""
         if length < 0:
             raise ValueError("a record shorter than its head")
         if length > self._left:
@@ -80,7 +80,9 @@ def damaged(path: Path, at: int, error: BaseException) -> RecordingError:
 
 
 def unpacked(chunk: Chunk, room: int) -> list[McapRecord]:
-    """The records in a chunk; raises one of `DAMAGE` where it is none, or would take over `room` bytes."""
+    """The records in a chunk, which may be compressed by zstd or lz4. Raises one of `DAMAGE` where it is
+    damaged, or would take over `room` bytes.
+    """
     size = chunk.uncompressed_size
     if size > room:
         raise ValueError(f"a chunk of {len(chunk.data)} bytes unpacks to {size}, allowed {room}")

@@ -98,7 +98,9 @@ class RunSpans:
                     yield Logged(message.log_time, axis, topic, decoded)
 
     def _read(self, at: int) -> list[MessageRecord]:
-        """Messages of the chunk at that byte, by their log time."""
+        """Undecoded messages of the chunk that begins at byte `at` of the file, sorted by log time; raises
+        RecordingError where it is damaged.
+        """
         with opened(self.path) as file:
             file.seek(at + _RECORD_HEAD_BYTES)
             try:
@@ -109,7 +111,9 @@ class RunSpans:
 
 
 def _index(file: BinaryIO, path: Path) -> tuple[list[Channel], list[_Chunk], list[Metadata]]:
-    """Channels, chunks and metadata, by the summary of the file or else by going through it once."""
+    """Channels, chunks and metadata, by the summary of the file; where that is missing, damaged or lists no
+    chunks, by going through the file once.
+    """
     try:
         reader = make_reader(file)
         summary, tables = reader.get_summary(), list(reader.iter_metadata())

@@ -81,7 +81,9 @@ class _ChunkedFile:
         self._metadata.append(records.MetadataIndex(at, length, name))
 
     def end_chunk(self) -> None:
-        """Writes the chunk in progress, with its indexes, unless it holds no message."""
+        """Writes the chunk in progress, with its message indexes, and begins another; does nothing where it
+        holds no message. Counts its messages and keeps its index for the summary.
+        """
         inside = [topic for topic in self._topics if topic.index]
         if not inside:
             return
@@ -105,7 +107,7 @@ class _ChunkedFile:
         self._chunk.clear()
 
     def finish(self) -> None:
-        """Ends the last chunk and writes index, summary and footer."""
+        """Ends the last chunk and writes index, summary and footer; does not close the stream."""
         self.end_chunk()
         self._put(records.DataEnd(0))
         channels = [topic.channel for topic in self._topics]
@@ -118,6 +120,7 @@ class _ChunkedFile:
         self._stream.write(MCAP0_MAGIC)
 
     def _statistics(self) -> records.Statistics:
+        """Record of what the chunks hold: number of messages by channel, first and last log time, or 0."""
         counts = {topic.channel.id: topic.written for topic in self._topics if topic.written}
         first_ns, last_ns = self._span_ns or (0, 0)
         return records.Statistics(
@@ -228,6 +231,7 @@ class RunWriter:
             os.fsync(self._file.fileno())
 
     def close(self) -> None:
+        """Writes last chunk and summary, puts them on the disk and closes; idempotent. Raises RunError."""
         if self._file.closed:
             return
         with self._failing_as_run_error(), self._file:
@@ -244,7 +248,7 @@ class RunWriter:
         self.close()
 
     def _add_topic(self, key: str) -> _Topic:
-        """Declares the channel of a key; raises ValueError where it is none of the topic table."""
+        """Declares and keeps the channel of a key; raises ValueError where it is none of the topic table."""
         parsed = parse_key(key)
         if parsed is None:
             raise ValueError(f"{key!r}: expected forefeel/cell/axis/topic with a topic of the table")

@@ -109,7 +109,8 @@ def check_samples(columns: Mapping[str, Array], source: str, where: Callable[[in
     """Refuses samples that are no recording; the first column is time, `where` names the place of a sample.
 
     Raises:
-        RecordingError: see `Recording`.
+        RecordingError: shapes that differ, fewer than 2 samples, a value that is not finite, time that
+            repeats or goes back.
     """
     name, time = next(iter(columns.items()))
     for column, values in columns.items():
@@ -133,7 +134,7 @@ def check_samples(columns: Mapping[str, Array], source: str, where: Callable[[in
 
 @contextmanager
 def opened(path: Path) -> Iterator[BinaryIO]:
-    """The file for reading, not empty.
+    """Context with the file open for reading, in binary; an OSError in its body becomes a RecordingError.
 
     Raises:
         RecordingError: missing, a directory, not permitted, unreadable, or empty.

@@ -75,7 +75,9 @@ class RosTable:
         return [time_s if name == "time" else self._at(time_s, topic, name) for name in names]
 
     def _at(self, time_s: Array, topic: str, name: str) -> Array:
-        """A column at the stamps of a topic, interpolated, with a note, where it is of another one."""
+        """Column at `time_s`, the stamps of `topic`. One of another topic is interpolated, NaN before its
+        first and after its last stamp, and adds a note.
+        """
         source, values = self._columns[name]
         if source == topic:
             return values
@@ -86,7 +88,9 @@ class RosTable:
 
 
 def _numbers(value: Any, head: str) -> Iterator[tuple[str, float]]:  # noqa: ANN401 - a message of any kind
-    """Every number in a message, with the path of its field."""
+    """Yields every number in a message, deep, with the path of its field behind `head`; arrays of over 32
+    elements and fields that begin with `_` are left out.
+    """
     if isinstance(value, bool | int | float | np.number):
         yield head, float(value)
     elif isinstance(value, np.ndarray | list):
@@ -100,7 +104,9 @@ def _numbers(value: Any, head: str) -> Iterator[tuple[str, float]]:  # noqa: ANN
 
 
 def _messages(path: Path) -> Iterator[tuple[str, int, Any, int]]:
-    """(topic, ns, message, bytes) of all that can be read."""
+    """Yields topic, log time in ns, message and packed bytes of each message of a bag, or in CDR of an MCAP
+    file. Raises RecordingError: not installed, unreadable, damaged, or too large.
+    """
     with reading(path, "a recording of ROS", "rosbags"), opened(path) as file:
         from rosbags.highlevel import AnyReader  # noqa: PLC0415 - an extra
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: PLC0415
@@ -140,7 +146,9 @@ def _require_message(path: Path, kind: str, packed: int, definitions: Any, sizes
 
 
 def _size(field: Any, definitions: Any, sizes: dict[str, Size]) -> Size:  # noqa: ANN401 - of rosbags
-    """Bounds of a field's size in a file and in memory; `sizes` keeps those of kinds."""
+    """Bounds of a field's size: least bytes in a file, bytes in memory then, and the most for each further
+    one. `field`, `definitions`: as of rosbags; `sizes` keeps the results by the name of a type.
+    """
     node, of = field
     if node == _BASE:
         return _PACKED.get(of[0][-2:], 1), _OBJECT_BYTES, 4.0  # a character takes up to 4

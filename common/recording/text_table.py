@@ -72,7 +72,8 @@ class TextTable:
         self.notes: list[str] = []
 
     def read(self, names: Sequence[str]) -> list[Array]:
-        """Columns as float64, what is missing as NaN; dates in s since 1970, clocks in s since midnight.
+        """Columns as float64, what is missing as NaN; dates in s since 1970, clocks in s since midnight. A
+        last row that is cut off is left out, with a note.
 
         Raises:
             RecordingError: a cell that is none of these, with its row; a row too short that is not the last.
@@ -177,7 +178,7 @@ def _layout(path: Path, head: bytes) -> Layout:
 
 
 def _decoded(head: bytes) -> tuple[str, str]:
-    """(encoding, text): what its mark says, UTF-8, or else what Windows writes in western Europe."""
+    """Encoding and text of a head: as its mark says, UTF-8, or else what Windows writes in western Europe."""
     for mark, encoding in _MARKS.items():
         if head.startswith(mark):
             return encoding, head.decode(encoding, "ignore")
@@ -188,7 +189,9 @@ def _decoded(head: bytes) -> tuple[str, str]:
 
 
 def _delimiter(lines: Sequence[str]) -> tuple[str, int]:
-    """The first delimiter that cuts most lines into equally many cells, two at least; and how many."""
+    """The first delimiter that cuts most lines into equally many cells, at least two, and that number; a
+    comma and 1 where none does.
+    """
     for delimiter in (*_DELIMITERS, _BLANK):
         widths = Counter(len(_split(line, delimiter)) for line in lines)
         width = max(widths, key=widths.__getitem__, default=1)
@@ -204,7 +207,9 @@ def _split(line: str, delimiter: str) -> list[str]:
 
 
 def _kind(cells: Sequence[str]) -> str:
-    """The kind of most cells that are there; text is refused when it is read."""
+    """The kind (of `_KINDS`) of most cells that are there; "comma" where any has a decimal comma. "number"
+    where none is there or most are text, which is refused when it is read.
+    """
     kinds = Counter(
         next((kind for kind, pattern in _KINDS.items() if pattern.fullmatch(cell)), "text")
         for cell in cells
@@ -217,7 +222,9 @@ def _kind(cells: Sequence[str]) -> str:
 
 
 def _header(above: list[list[str]], width: int) -> tuple[list[str], list[str]]:
-    """Names and units from the lines above the first row; a comment may be the header."""
+    """Names and units of `width` columns from the cells of the lines above the first row; a comment may be
+    the header. A column without a name has its number, without a row of units an empty one.
+    """
     lines = [cells for cells in above if len(cells) == width or len(cells) == width - 1]
     if not lines:
         return [str(i + 1) for i in range(width)], [""] * width

@@ -103,7 +103,9 @@ class RealRuntime:
         return tuple(loop.lateness.ticks for loop in self._loops)
 
     def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
-        """Adds a loop in its own thread; after each tick a gap opens for computations."""
+        """Adds a loop that calls `tick` every `period_ns` in its own thread; returns its lateness. After each
+        tick a gap for computations opens, which ends half a period after the tick's stamp.
+        """
 
         def ticked(now_ns: int) -> None:
             tick(now_ns)
@@ -123,7 +125,8 @@ class RealRuntime:
         self._reactions.append(reaction)
 
     def fault(self, error: BaseException) -> None:
-        """Runs the safety reactions, on the thread that failed; then wakes asyncio to end the daemon.
+        """Keeps the first error in `error` and runs the safety reactions, on the thread that failed; then
+        sets `stopping`, which ends the daemon.
 
         A reaction that fails in spite of its contract keeps neither the others from theirs nor the daemon
         alive; what it raised is raised then.
@@ -164,7 +167,9 @@ class RealRuntime:
             raise RunError(f"stopped by a fault: {type(self.error).__name__}: {self.error}") from self.error
 
     async def _periodic(self, period_ns: int, tick: Tick) -> None:
-        """Calls a task every period until it is cancelled, late ones skipped; an exception is a fault."""
+        """Calls `tick` at once and every period until it is cancelled; an exception is a fault and ends it.
+        After a call that starts a period late or more, it counts anew from there.
+        """
         deadline_ns = self.clock.now_ns()
         try:
             while True:

@@ -33,7 +33,8 @@ def raise_descriptor_limit() -> None:
 
 
 def prepare_process() -> str:
-    """Settles the process for real-time loops; returns in plain words what was granted.
+    """Settles the process for real-time loops: more descriptors, a short switch interval of the interpreter,
+    a frozen garbage collection, locked memory; returns in words whether memory was locked.
 
     Memory is locked page by page as it is touched, so that the resident size does not grow by unused stacks.
     """
@@ -48,7 +49,9 @@ def prepare_process() -> str:
 
 
 def prepare_thread(priority: int) -> str:
-    """Asks for SCHED_FIFO and the finest timer slack for this thread; returns in words what was granted."""
+    """Asks for the finest timer slack for this thread, and for SCHED_FIFO unless `priority` is 0; returns in
+    words what was granted.
+    """
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
     if priority == 0:
         return "normal scheduling (priority 0 configured)"
@@ -166,7 +169,9 @@ class RealtimeThread:
             self._thread.join()
 
     def _run(self) -> None:
-        """Ticks with the priority that it was given, until stopped; an exception ends it as a fault."""
+        """Asks for the thread's priority, sets `scheduling` and the thread's name, and ticks until stopped.
+        An exception sets `lateness.ended` and is reported as a fault.
+        """
         try:
             self.scheduling = prepare_thread(self._priority)
             self._ahead = os.sched_getscheduler(0) == os.SCHED_FIFO
@@ -177,7 +182,9 @@ class RealtimeThread:
             self._fault(error)
 
     def pace(self) -> None:
-        """Ticks in the calling thread until it is stopped."""
+        """Calls `tick` at each deadline in the calling thread until stopped, and records its lateness; a tick
+        that is a period late or more skips the deadlines it missed, counted. What `tick` raises is passed on.
+        """
         clock, period_ns = self._clock, self._period_ns
         sys.setswitchinterval(SWITCH_INTERVAL_S)
         deadline_ns = clock.now_ns() + period_ns
@@ -194,9 +201,9 @@ class RealtimeThread:
             deadline_ns += (1 + skipped) * period_ns
 
     def _wait(self, deadline_ns: int) -> None:
-        """Sleeps to the deadline, the last moment of it as the one thread of the process that runs; not so
-        after a tick that took that long or was late, or nobody else would ever run, and not under normal
-        scheduling, where it is processors that are waited for.
+        """Sleeps to 0.3 ms before the deadline, then waits with the interpreter lock held, asleep and at last
+        spinning. Sleeps only after a tick that took that long or was late, or nobody else would ever run, and
+        under normal scheduling, where it is processors that are waited for.
         """
         if not self._ahead or self._clock.now_ns() > deadline_ns - _LEAD_NS:
             self._clock.sleep_until_ns(deadline_ns)

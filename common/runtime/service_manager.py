@@ -78,7 +78,9 @@ class ServiceWatchdog:
         self._manager.tell(f"STOPPING=1\nSTATUS={_line(reason)}")
 
     def _live(self, ticks: tuple[int, ...], now_ns: int) -> None:
-        """Sends a sign of life if every loop has ticked since the last one."""
+        """Sends a sign of life if one is wanted and every loop has ticked since the last one; the next is due
+        a quarter of the watchdog's time later.
+        """
         watchdog_ns = self._manager.watchdog_ns
         before = self._alive_at or (0,) * len(ticks)
         if watchdog_ns is None or not all(now > then for now, then in zip(ticks, before, strict=True)):

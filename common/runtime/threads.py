@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 
 def in_thread(work: Callable[[], T], name: str) -> "Future[T]":
-    """Runs `work` in a daemon thread.
+    """Runs `work` in a new daemon thread; returns at once the future of its result, or of what it raised.
 
     A process that ends does not wait for it, as it does for the threads of an executor, and of
     asyncio.to_thread. The thread inherits the scheduling of the one that calls this (docs/decisions/0008).
@@ -55,7 +55,7 @@ class Gaps:
             self._begun.put(None)
 
     def wait(self) -> bool:
-        """Waits for a gap, `longest_s` at most; False without one."""
+        """Waits until a gap opens, `longest_s` at most; True at once inside one, False where none came."""
         if self._clock.now_ns() <= self._until_ns:
             return True
         with suppress(Empty):

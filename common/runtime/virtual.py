@@ -27,6 +27,7 @@ class VirtualRuntime:
         self._events: list[_Event] = []
 
     def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
+        """Schedules `tick` every `period_ns`, first after one period; returns a Lateness, all on time."""
         del name
         lateness = Lateness()
 
@@ -57,7 +58,9 @@ class VirtualRuntime:
         """Does nothing: faults propagate out of `run`; nobody is left to react."""
 
     def run(self, duration_ns: int, progress: Callable[[int], bool] | None = None) -> None:
-        """Advances by `duration_ns`. `progress` is called every 100 ms of it; False ends the run."""
+        """Runs the events due in the next `duration_ns`, each with the clock at its stamp, which then stands
+        at the end. `progress` is called with the stamp every 100 ms of that time; False ends the run there.
+        """
         end_ns = self.clock.now_ns() + duration_ns
         next_report = self.clock.now_ns()
         events, set_ns = self._events, self.clock.set_ns

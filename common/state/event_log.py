@@ -60,7 +60,9 @@ class EventLog:
         self.worker.wake()
 
     def write(self) -> None:
-        """Appends the queued lines, before them one on lost lines; counts those that can not be written."""
+        """Appends the queued lines to the file, before them an event on lines lost since; nothing queued: no
+        effect. Counts lines that can not be written as lost.
+        """
         lines, lost = self._waiting.drain(), self.lost
         if not lines:
             return
@@ -83,7 +85,9 @@ class EventLog:
         self.write()
 
     def _append(self, data: bytes) -> None:
-        """Appends to the disk, to a new file beyond 16 MB; takes a part back where it fails."""
+        """Appends to the file, on the disk when it returns; one beyond 16 MiB makes way for a new one. Raises
+        OSError where that fails, with nothing of `data` left in the file.
+        """
         if self._size > _LARGEST_BYTES:
             self._rotate()
         try:

@@ -62,7 +62,9 @@ class FlightWriter:
                 part.unlink()
 
     def ask(self, axis: str, event: str, reason: str, now_ns: int) -> None:
-        """Requests a record of what led to this; never blocks."""
+        """Queues a request for a flight record and wakes the worker; never blocks. Dropped within 1 s of the
+        request that was accepted last.
+        """
         accepted_ns = self._accepted_ns
         if accepted_ns is not None and now_ns - accepted_ns < _AT_MOST_EVERY_NS:
             return
@@ -74,7 +76,9 @@ class FlightWriter:
         self.worker.close()
 
     def write(self, closing: bool) -> float | None:
-        """Writes the requested records, half a second after each event or when closing; s to the next."""
+        """Writes the requested records, each half a second after its event, all of them when closing. Returns
+        the seconds until the next one is due, None where none is left.
+        """
         while self._requests:
             request = self._requests[0]
             left_ns = request.stamp_ns + AFTER_NS - self._clock.now_ns()
@@ -107,7 +111,7 @@ class FlightWriter:
     def _write(
         self, part: Path, request: _Request, rings: list[tuple[FlightRing, list[Row]]]
     ) -> dict[str, Detail]:
-        """Writes rows and metadata; returns the numbers of written and of malformed messages."""
+        """Writes rows and metadata to a new MCAP file; returns counts of written and malformed messages."""
         with RunWriter(part, mode=0o600) as writer:
             asked = {name: str(value) for name, value in request._asdict().items()}
             writer.add_metadata("flight", {**self.facts, **asked})

@@ -35,8 +35,8 @@ def unnamed_path(cell: str, role: str, environment: Mapping[str, str]) -> Path:
 
 
 def holder(path: Path, locks: Path = Path("/proc/locks")) -> int | None:
-    """The process of the daemon that uses the folder now; None where none does, or nobody may see it. By the
-    kernel's own list: to try the lock would keep a daemon out that starts meanwhile.
+    """Process number of the daemon that uses the folder now; None where none does, or nobody may see it. By
+    the kernel's own list: to try the lock would keep a daemon out that starts meanwhile.
     """
     try:
         number = (path / _LOCK).stat().st_ino
@@ -124,7 +124,9 @@ class StateFolder:
             raise
 
     def _take(self) -> None:
-        """Locks the folder for this process, whose number the lock file then holds."""
+        """Locks the folder and writes this process's number into the lock file; raises ConfigurationError
+        where another daemon has it locked.
+        """
         try:
             fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:

@@ -98,7 +98,7 @@ class Latch:
         return None if self.problem is None else _RETRY_S
 
     def write(self) -> None:
-        """Writes what is to be kept; calls `on_problem` when that begins to fail, and when it works again."""
+        """Writes what is to be kept; sets `problem` to why that fails, or None, and reports its change."""
         before = self.problem
         try:
             self._write()
@@ -109,7 +109,9 @@ class Latch:
             self._on_problem(before, self.problem)
 
     def _write(self) -> None:
-        """Makes the file say what is wanted, on the disk when it returns."""
+        """Writes what is wanted into the open file, on the disk when it returns; does nothing where it is
+        there. After an OSError the content counts as unknown, so that the next call writes again.
+        """
         wanted = self._wanted
         if wanted == self._written:
             return
@@ -119,8 +121,8 @@ class Latch:
 
 
 def latched(path: Path) -> dict[str, str]:
-    """Reasons of the stopped axes, by the file of a daemon; empty where there is no file. One that can not be
-    read, or that no daemon wrote so, stops every axis.
+    """Reasons by axis from the latch file of a daemon; empty where there is no file. One that can not be
+    read, or that no daemon wrote so, gives a reason under the empty name, which stops every axis.
     """
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
@@ -134,7 +136,9 @@ def latched(path: Path) -> dict[str, str]:
 
 
 def _put(descriptor: int, latched: Mapping[str, str]) -> None:
-    """Overwrites the whole file, on the disk when it returns; what is too long for it stops every axis."""
+    """Overwrites the whole file with the reasons by axis, on the disk when it returns; raises OSError. What
+    is too long for it becomes one reason under the empty name, which stops every axis.
+    """
     data = json.dumps({"latched": latched}).encode()
     if len(data) >= _BYTES:
         data = json.dumps({"latched": {_ALL: "more was latched than the file holds"}}).encode()

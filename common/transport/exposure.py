@@ -24,7 +24,8 @@ def check_exposure(
         real_stage: a stage that is not simulated is configured here.
 
     Raises:
-        EndpointError: this is not allowed.
+        EndpointError: a plain endpoint beside certificates or a secured listener, a tls/ or quic/ one without
+            certificates, or one outside this host without them where there is a real stage or no `insecure`.
     """
     _refuse_plain_beside_secured(listen, connect, secured)
     if secured:
@@ -51,7 +52,9 @@ def check_exposure(
 
 
 def _refuse_plain_beside_secured(listen: Sequence[str], connect: Sequence[str], secured: bool) -> None:
-    """Raises EndpointError for a plain endpoint beside certificates, or an option that undoes them."""
+    """Raises EndpointError: beside certificates (`secured`) a plain endpoint, or an option after `#` that
+    could undo them; without certificates a plain listener beside a tls/ or quic/ one.
+    """
     plain = [endpoint for endpoint in listen if not _is_secured(endpoint)]
     if plain and (secured or len(plain) < len(listen)):
         raise EndpointError(

@@ -66,7 +66,9 @@ class ImpairedTransport:
         self._outbound = None if outbound is None else _Lane("outbound", outbound, timers, clock)
 
     def publisher(self, key: str, qos: Qos) -> Put:
-        """A publisher whose payloads the outbound link loses, delays or doubles."""
+        """A publisher whose payloads the outbound link loses, delays or doubles; the plain one where there is
+        no such link, or the key does not cross to the other end.
+        """
         put = self._inner.publisher(key, qos)
         lane = self._outbound
         if lane is None or not crosses(key):
@@ -75,7 +77,9 @@ class ImpairedTransport:
         return lambda payload: lane.carry(partial(send, payload))
 
     def subscribe(self, key: str, handler: Handler) -> None:
-        """Delivers what other sessions put to `key` and the inbound link lets through."""
+        """Calls `handler` for each payload put to `key` that the inbound link lets through, late and stamped
+        then. Unimpaired where there is no such link, or the key does not cross to the other end.
+        """
         lane = self._inbound
         if lane is None or not crosses(key):
             self._inner.subscribe(key, handler)
@@ -85,7 +89,9 @@ class ImpairedTransport:
         self._inner.subscribe(key, lambda payload, _: lane.carry(partial(receive, payload)))
 
     def polled(self, key: str, handler: Handler, most: int = MOST_POLLED) -> Poll:
-        """Hands payloads over at the poll next to their stamp as the inbound link delays them."""
+        """Poll that hands over, stamped then, the payloads whose delay by the inbound link is over, or will
+        be in half a tick. Unimpaired where there is no such link, or the key does not cross to the other end.
+        """
         lane = self._inbound
         if lane is None or not crosses(key):
             return self._inner.polled(key, handler, most)
@@ -98,6 +104,7 @@ class ImpairedTransport:
         arrived = self._inner.polled(key, wait, most)
 
         def poll() -> None:
+            """Takes what arrived, then hands over what is due within half a tick, `most` at once."""
             arrived()
             stamp_ns = now_ns()
             for _ in range(most):
@@ -161,7 +168,9 @@ class _Lane:
             return self._planned_ns(now_ns)
 
     def _planned_ns(self, now_ns: int) -> tuple[int, ...]:
-        """Plans and traces the delays of a payload; none once the lane is closed."""
+        """Delays in ns that the link plans for a payload, two where it is doubled, added to the trace; none
+        where it is lost, or once the lane is closed. Its caller holds the lock.
+        """
         if self.closed:
             return ()
         delays_ns = self._link.plan(now_ns)
@@ -170,7 +179,7 @@ class _Lane:
         return delays_ns
 
     def drain(self) -> list[TraceChunk]:
-        """Removes the trace, in chunks that fit into a message each."""
+        """Removes and returns the trace since the last call, in chunks that fit into a message each."""
         with self._lock:
             first, entries = self._messages - len(self._trace), tuple(self._trace)
             self._trace.clear()

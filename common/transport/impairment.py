@@ -50,7 +50,9 @@ class Impairment:
         self._stall: tuple[int, int] | None = None
 
     def plan(self, now_ns: int) -> tuple[int, ...]:
-        """Draws stall, loss, delay, order and duplication of a message, in turn; see `ImpairedLink`."""
+        """Delays in ns of the message that arrives now: none when it is lost, two when it is duplicated.
+        Draws its stall, loss, delay, order and duplication, in turn, from the random state.
+        """
         settings, draw = self._settings, self._random.random
         entry_ns = self._after_stall(now_ns) if settings.stalls_per_s else now_ns
         if self._enter_burst:
@@ -71,7 +73,9 @@ class Impairment:
         return (delay_ns, delay_ns) if doubled else (delay_ns,)
 
     def _vary(self, entry_ns: int) -> None:
-        """Advances the delay's variation to the entry of this message; none between messages of one burst."""
+        """Advances `_variation_s`, the delay's variation in s, to the entry of this message; a message of the
+        same burst keeps it. Drawn independently where the correlation time is 0.
+        """
         elapsed_ns = 0 if self._last_entry_ns is None else max(entry_ns - self._last_entry_ns, 0)
         self._last_entry_ns = entry_ns
         tau_s = self._settings.jitter_correlation_s

@@ -32,7 +32,7 @@ class MemoryBus:
         return [other for other in self._sessions if other is not session]
 
     def _resolve(self) -> None:
-        """Works out anew who hears whom, so that `put` has nothing to look up."""
+        """Sets the targets of each publication: the subscriptions of other sessions that match its key."""
         for session in self._sessions:
             for publication in session.publications:
                 publication.targets = tuple(
@@ -64,6 +64,7 @@ class MemoryTransport:
         self._add(_Subscription(key, None, lambda _key, payload: handler(payload, self._now_ns())))
 
     def polled(self, key: str, handler: Handler, most: int = MOST_POLLED) -> Poll:
+        """Subscribes; the returned function hands what came to `handler`, oldest first, up to `most`."""
         waiting: deque[tuple[bytes, int]] = deque()
         self.subscribe(key, lambda payload, receive_ns: waiting.append((payload, receive_ns)))
 

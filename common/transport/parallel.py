@@ -66,7 +66,9 @@ class ParallelTransport:
         insecure: bool = False,
         real_stage: bool = False,
     ) -> Self:
-        """Opens all of the sessions, or none. See `ZenohTransport.open`, also for what is raised."""
+        """Opens all of the sessions, or none: `parallel_connections` that connect, and one that only listens
+        where those are several and the settings listen. See `ZenohTransport.open`, also for what is raised.
+        """
         count = settings.parallel_connections
         only_connects = settings.model_copy(update={"listen": ()})
         wanted = [settings] if count == 1 else [only_connects] * count
@@ -80,7 +82,10 @@ class ParallelTransport:
         return cls(sessions[:count], sessions[count] if len(sessions) > count else None)
 
     def publisher(self, key: str, qos: Qos) -> Put:
-        """Puts what takes turns over the next connection that has a subscriber, all else over the first."""
+        """Puts what takes turns over the next connection with a subscriber, under a numbered and the plain
+        key, or over the first where none has one, and over the session that listens; all else over the first
+        connection and that session.
+        """
         topic = crossing(key)
         if topic is None or not topic.takes_turns:
             return _all_of([session.publisher(key, qos) for session in self._plain])
@@ -118,7 +123,7 @@ class ParallelTransport:
             session.subscribe(name, deliver)
 
     def polled(self, key: str, handler: Handler, most: int = MOST_POLLED) -> Poll:
-        """Polls each connection for its share of `most`, and one at least."""
+        """Poll that takes from each connection that carries the key its share of `most`, and one at least."""
         receivers = tuple(self._receivers(key))
         share = max(1, most // len(receivers))
         polls = [session.polled(name, handler, share) for session, name in receivers]
@@ -132,7 +137,10 @@ class ParallelTransport:
         return poll
 
     def _receivers(self, key: str) -> Iterator[tuple[ZenohTransport, str]]:
-        """Yields the sessions that subscribe to a key, and how it is called there."""
+        """Yields the sessions that subscribe to a key, and the key there: each of several connections with
+        its number for what takes turns, with the plain key the session that listens, and the first for all
+        else. An emergency stop takes turns and comes on the first, too.
+        """
         topic = crossing(key)
         plain: tuple[ZenohTransport, ...] = self._plain
         if topic is not None and topic.takes_turns and len(self._connecting) > 1:
@@ -144,6 +152,7 @@ class ParallelTransport:
             yield session, key
 
     def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:
+        """Calls `handler` for each payload put by others to `prefix` or below it, one call at a time."""
         serial = threading.Lock()
 
         def deliver(key: str, payload: bytes, receive_ns: int) -> None:
@@ -210,7 +219,9 @@ def _all_of(puts: Sequence[Put]) -> Put:
 def _all_or_none(
     wanted: Sequence[TransportSettings], opened: Callable[[TransportSettings], ZenohTransport]
 ) -> list[ZenohTransport]:
-    """Opens all at once, for each may wait for a router; closes them again where one fails."""
+    """Opens all at once, for each may wait for a router; returns them in order. Where one fails, closes the
+    others and raises its error.
+    """
     with ExitStack() as opened_sessions:
         opening = [in_thread(partial(opened, one), "zenoh open") for one in wanted]
         for future in opening:

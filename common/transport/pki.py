@@ -28,10 +28,12 @@ class Certified:
 
 
 def read_identity(folder: Path, party: Party, now: datetime) -> Certified:
-    """The files of the party in a folder of `forefeel pki init`.
+    """Reads and checks the files of the party in a folder of `forefeel pki init`; returns their paths and
+    when the first certificate expires.
 
     Raises:
-        ConfigurationError: one is missing, unreadable, not what it should be, expired, or open to others.
+        ConfigurationError: one is missing, unreadable, of another party or authority, not valid at `now`, or
+            a key that every user may use.
     """
     if not folder.is_dir():
         raise _wrong(folder, "no such folder", _MADE)

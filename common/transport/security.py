@@ -124,7 +124,9 @@ _Allowed = Mapping[tuple[str, str], Sequence[str]]
 
 
 def _rules(role: PartyRole, remote: PartyRole, cell: str) -> _Allowed:
-    """Rules between two ends, or an end and its router: what the remote may put to us, and the reverse."""
+    """Key expressions that a session of `role` allows with a session of `remote`, by flow and message: puts
+    and subscriptions, in and out. Empty: none; with a router, all that `role` hears and publishes.
+    """
     through = remote == "router"
     inbound = [topic for topic in PUBLISHED if hears(role, topic) and (through or publishes(remote, topic))]
     outbound = [topic for topic in PUBLISHED if publishes(role, topic) and (through or hears(remote, topic))]
@@ -139,7 +141,9 @@ def _rules(role: PartyRole, remote: PartyRole, cell: str) -> _Allowed:
 
 
 def _router_rules(remote: PartyRole, cell: str) -> _Allowed:
-    """Rules of a router for one party of a cell: what it takes from it and gives to it."""
+    """Key expressions that a router allows with one party of a cell, by flow and message: what it takes from
+    it and gives to it, and the subscriptions for that.
+    """
     inbound = [topic for topic in PUBLISHED if publishes(remote, topic)]
     outbound = [topic for topic in PUBLISHED if hears(remote, topic)]
     end = remote in {"slave", "master"}
@@ -165,7 +169,9 @@ def _subscriptions(role: PartyRole, cell: str) -> list[str]:
 
 
 def _keys(topics: Iterable[Topic[Message]], cell: str, ends: bool) -> list[str]:
-    """Key expressions of topics; between `ends` of the cell also those that go directly, and in turns."""
+    """Key expressions of topics, for every axis of the cell; with `ends` also those under which batched
+    topics go directly between slave and master, and the numbered ones of what takes turns.
+    """
     listed = list(topics)
     keys = [topic.key(cell, "*") for topic in listed]
     if ends:

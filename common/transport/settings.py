@@ -44,7 +44,9 @@ class TransportSettings(Settings):
 
     @property
     def parallel_connections(self) -> int:
-        """`connections`, or what stands for null; 1 for a process that connects to nobody."""
+        """Number of connections: `connections`, or for null 16 where a tcp/ or tls/ endpoint in `connect` is
+        on another host, else 1; always 1 for a process that connects to nobody.
+        """
         if not self.connect:
             return 1
         if self.connections is not None:
@@ -87,7 +89,9 @@ class ImpairmentSettings(Settings):
     @model_validator(mode="before")
     @classmethod
     def _from_preset(cls, data: object) -> object:
-        """Replaces a preset's name by its values, beneath those that are given."""
+        """Replaces a preset's name by its values, beneath those that are given; returns other data unchanged.
+        Raises ValueError for an unknown preset.
+        """
         if isinstance(data, str):
             data = {"preset": data}
         if not isinstance(data, Mapping) or "preset" not in data:
@@ -100,7 +104,7 @@ class ImpairmentSettings(Settings):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        """Refuses a jitter beyond the delay, and a share of burst loss that the burst length can not give."""
+        """Raises ValueError for a jitter beyond the delay, or a burst loss beyond what its length gives."""
         if self.jitter_s > self.delay_s:
             raise ValueError(f"jitter_s = {self.jitter_s:g}: expected at most delay_s = {self.delay_s:g}")
         limit = self.burst_length / (self.burst_length + 1)

@@ -53,7 +53,7 @@ class TimerThread:
                 self._on_fault(error)
 
     def _next(self) -> Callable[[], None] | None:
-        """Waits for the next action that is due; None once closed."""
+        """Waits for the next action that is due and removes it; None once closed."""
         with self._changed:
             while not self._closed:
                 if not self._entries:

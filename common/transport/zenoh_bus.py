@@ -125,7 +125,7 @@ class ZenohTransport:
         return self.publication(key, qos).put
 
     def publication(self, key: str, qos: Qos) -> "Publication":
-        """Declares a publisher, closed with the session."""
+        """Declares a publisher of the priority and congestion control of `qos`, closed with the session."""
         congestion, priority, reliability, express = _QOS[qos]
         publisher = self._session.declare_publisher(
             key,
@@ -154,7 +154,9 @@ class ZenohTransport:
         self._receive(key, lambda sample: handler(sample.payload.to_bytes(), self._now_ns()))
 
     def polled(self, key: str, handler: Handler, most: int = MOST_POLLED) -> Poll:
-        """Takes up to `most` waiting samples at a poll; of those the last 4096 are kept."""
+        """Subscribes without a thread; the returned function hands up to `most` waiting payloads to
+        `handler`, stamped then. The newest 4096 wait; what the handler raises is a fault.
+        """
         subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(_WAITING_SAMPLES))
         self._declared.enter_context(subscriber)
         take, now_ns = subscriber.handler.try_recv, self._now_ns
@@ -183,7 +185,7 @@ class ZenohTransport:
 
     @property
     def hint(self) -> str:
-        """Text on what is wrong with a connection that stands, or empty."""
+        """Text where a peer meets a router, which joins no two peers; else, or once closed, empty."""
         if self._closed or self._mode != "peer":
             return ""
         transports = self._session.info.transports()
@@ -201,7 +203,7 @@ class ZenohTransport:
             thread.join()
 
     def _receive(self, key: str, receive: _Receive, waiting: int = _WAITING_SAMPLES) -> None:
-        """Subscribes, with a thread that hands each sample to `receive`."""
+        """Subscribes, with a thread that calls `receive` for each sample; the newest `waiting` are kept."""
         subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(waiting))
         # A daemon thread, so that a process that dies without `close` does not hang on it.
         thread = threading.Thread(
@@ -219,7 +221,7 @@ class ZenohTransport:
             self._deliver(sample, receive)
 
     def _deliver(self, sample: zenoh.Sample, receive: _Receive) -> None:
-        """Hands a sample to `receive`, whose exception is a fault."""
+        """Hands a sample to `receive`, whose exception is a fault; drops one put to a key with a wildcard."""
         if "*" in str(sample.key_expr):  # Zenoh delivers a put to `forefeel/**` to each of us
             return
         try:
@@ -231,7 +233,12 @@ class ZenohTransport:
 def open_session(
     settings: TransportSettings, mode: Mode, party: Party | None, *, insecure: bool, real_stage: bool
 ) -> tuple[zenoh.Session, str]:
-    """A bare session, and what the user must be told loudly about it, or empty. See `ZenohTransport.open`."""
+    """Bare Zenoh session, and a warning for the user, or empty. Sets `ZENOH_RUNTIME` where it is unset.
+
+    Raises:
+        ValueError: `pki` without a party.
+        EndpointError, ConfigurationError: see `ZenohTransport.open`; NoRouterError where no router answers.
+    """
     for endpoint in settings.listen + settings.connect:
         check_endpoint(endpoint)
     added: dict[str, object] = {}
