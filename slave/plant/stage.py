@@ -65,7 +65,8 @@ class PlantStage:
         return x, v, (v - before) / dt
 
     def _demanded(self, t: float) -> tuple[float, float]:
-        """Position and velocity at which the servo alone would be after this step; at rest without setpoint.
+        """Position and velocity at which the servo alone would be after this step; the present position and 0
+        without a setpoint, or once the last is older than the watchdog.
 
         With e = x - target and d = v - feed: `e(dt) = (e + c dt) exp(-w dt)`, `c = d + w e`.
         """

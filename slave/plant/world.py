@@ -47,7 +47,9 @@ class PlantLoadCell:
         """The newest conversion; invalid before the first."""
 
     def convert(self, t: float) -> None:
-        """Makes the next reading of the filtered force: bias, drift, noise, effects, counts."""
+        """Replaces `reading` by a conversion of the filtered force: bias, drift at t, noise, effects of the
+        sensor, whole counts; not valid beyond 95 % of full scale.
+        """
         settings = self._settings
         noise_n = self._random.gauss(0.0, settings.noise_n)
         reading_n = self.filtered.value + settings.bias_n + settings.drift_n_s * t + noise_n
