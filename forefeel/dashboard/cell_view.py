@@ -29,7 +29,9 @@ class CellView:
         self.refused: Counter[str] = Counter()
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        """Decodes a payload of the network for its axis; counts a malformed one."""
+        """Decodes a payload of the network and takes its messages for its axis; counts a malformed one,
+        ignores an unknown key. Of topics in `UNREAD` only the receipt is noted.
+        """
         parsed = parse_key(key)
         if parsed is None:
             return

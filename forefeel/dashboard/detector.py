@@ -78,7 +78,9 @@ class ModelWatch:
         self._block = block if self._block is None else max(block, self._block)
 
     def _judge(self, start_s: float) -> None:
-        """Updates signs, alarm and usual values with the block from `start_s` on; skips a poor one."""
+        """Updates signs and alarm with the block from `start_s` on; skips one with under 100 forces or no
+        innovation. Takes it into the usual values only with no alarm and no bad block counted.
+        """
         if self._forces < _LEAST_FORCES or not self._innovations:
             return
         rms_n, share = fmean(self._innovations), self._outside / self._forces
@@ -123,6 +125,9 @@ class Comparison:
         self._seconds: deque[tuple[int, list[float]]] = deque(maxlen=COMPARED_S)
 
     def add(self, now_s: float, predicted_n: float, late_n: float, measured_n: float) -> None:
+        """Adds the squared errors of prediction and late force, against the measured one, to the sums of this
+        second; only the last `COMPARED_S` seconds that have any are kept.
+        """
         second = int(now_s)
         if not self._seconds or self._seconds[-1][0] != second:
             self._seconds.append((second, [0.0, 0.0, 0.0]))

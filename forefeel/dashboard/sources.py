@@ -75,7 +75,9 @@ class LiveCell:
         return answer
 
     def _silence(self, now_ns: int) -> dict[str, Any] | None:
-        """Length and place of a silence of more than 2 s, for the page; None while something is heard."""
+        """Data for the page on a silence of more than 2 s: word, length, begin, endpoints with the cause;
+        None while something is heard.
+        """
         heard_ns = self._cell.heard_ns
         quiet_s = silent_s(heard_ns, now_ns, self._since_ns)
         if quiet_s is None:
@@ -126,7 +128,8 @@ class ReplayClock:
         self._until_ns: int | None = None
 
     def go_to(self, at_s: float, window_s: float) -> int:
-        """Brings `cell` to its state at `at_s` of the recording; returns that time in ns.
+        """Brings `cell` to its state at `at_s` of the recording, or at its nearest end; returns that time in
+        ns. `window_s`: shown before it, so that at least so much is read.
 
         Raises:
             RecordingError: the file is damaged there.
