@@ -248,7 +248,9 @@ class MasterAxis:
         handle_m: float,
         force: NewestForce | None,
     ) -> None:
-        """Sends the command and the haptic sample of a tick under one header."""
+        """Publishes the command and the haptic sample of a tick under one header: one stamp and number.
+        Position and band of the command are clipped to the range of the messages.
+        """
         header = self._command.header(self.session.session_id, now_ns)
         low_n, high_n = outputs.band_n or (None, None)
         self._command.send(

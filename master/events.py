@@ -95,7 +95,7 @@ class MasterEvents(AxisEvents):
         )
 
     def publish_status(self, status: AxisStatus, reason: str, session_id: int, now_ns: int) -> None:
-        """Publishes the master's status where it has changed."""
+        """Publishes a `MasterEvent` where the status is another than at the last call; else nothing."""
         before, self._status = self._status, status
         if before != status:
             header = self._event.header(session_id, now_ns)

@@ -123,7 +123,9 @@ class SlaveSession:
         return self._ended or f"no heartbeat from the master for {span(self._lease.expired_after_s)}"
 
     def clock_fault(self, now_ns: int) -> str | None:
-        """Fault text when the master, while it holds the lease, has a clock too fast or slow to follow."""
+        """Fault text when the master, while it holds the lease, has a clock too fast or slow to follow; else
+        None.
+        """
         clock = self._heartbeats.offset
         if clock is None or abs(clock.rate_ppm) <= MAX_RATE_PPM or not self._lease.live(now_ns):
             return None

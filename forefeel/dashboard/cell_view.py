@@ -48,7 +48,9 @@ class CellView:
             self.take(axis, topic, message, message_ns)
 
     def take(self, axis: str, topic: Topic[Message], message: Message, receive_ns: int) -> None:
-        """Hands a message to the view of its axis; counts it as refused beyond `MOST_AXES` axes."""
+        """Hands a message to the view of its axis, a new one for a new axis; beyond `MOST_AXES` axes only
+        counts it as refused.
+        """
         view = self.axes.get(axis)
         if view is None:
             if len(self.axes) == MOST_AXES:

@@ -69,7 +69,9 @@ class ModelWatch:
         self._outside += outside
 
     def _advance(self, t_s: float) -> None:
-        """Judges the block that has ended, if one has, and goes on to the block of `t_s`."""
+        """Judges the block of 1 s that has ended, if one has, and clears its sums; goes on to the block of
+        `t_s`.
+        """
         block = int(t_s // _BLOCK_S)
         if self._block is not None and block > self._block:
             self._judge(self._block * _BLOCK_S)

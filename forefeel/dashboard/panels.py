@@ -217,7 +217,9 @@ def loops(view: AxisView, now_ns: int) -> list[Card]:
 
 
 def _loop(role: str, timing: LoopTiming | None) -> Card:
-    """Lateness of one loop, with a level by the share of missed ticks and p99; None: not heard."""
+    """Card of the lateness of one loop, with a level by the share of missed ticks and p99; None: not heard,
+    `off`.
+    """
     if timing is None:
         return {"who": role, "level": "off", "word": "not heard", "p50": UNKNOWN, "p99": UNKNOWN,
                 "max": UNKNOWN, "missed": UNKNOWN}  # fmt: skip
@@ -236,7 +238,9 @@ def _loop(role: str, timing: LoopTiming | None) -> Card:
 
 
 def counted(view: AxisView, now_ns: int, local: Mapping[str, int] = {}) -> str:
-    """Late, reordered, lost and refused messages by the counters of both ends and `local`; then caveats."""
+    """Text with the numbers of late, reordered, lost and refused messages, by the counters of both ends and
+    `local`; then caveats, then which end is not heard now. Other counters are left out.
+    """
     states = view.newest.slave, view.newest.master
     counters = [local, *(state.counters for state in states if state is not None)]
     sums = dict.fromkeys(_COUNTED, 0)

@@ -64,7 +64,9 @@ class LiveCell:
         return {"cell": self._name, "file": None}
 
     def viewer(self) -> Viewer:
-        """Function that answers one page from the newest state of the cell."""
+        """Makes a function that answers one page with what is new to it in the cell, and with a silence, if
+        there is one.
+        """
         feed = Feed()
 
         def answer(ask: Ask) -> Answer:
@@ -103,7 +105,9 @@ class Recorded:
         return {"cell": spans.cell, "file": spans.path.name, "duration_s": duration_s, "zero_s": zero_s}
 
     def viewer(self) -> Viewer:
-        """Function that answers one page from its own place in the recording; a damaged place is silence."""
+        """Makes a function that answers one page from its own place in the recording; a damaged place is told
+        as a silence, not raised.
+        """
         replay, feed = ReplayClock(self._spans), Feed()
 
         def answer(ask: Ask) -> Answer:

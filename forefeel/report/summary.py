@@ -86,8 +86,7 @@ def _loop(run: Run, topic: Topic[LoopTiming]) -> LoopFigures:
 
 
 def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
-    """Works out the report of one axis from its traces and messages; what was not recorded is None, or empty.
-    """
+    """Report of one axis, worked out from its traces and messages; what was not recorded is None or empty."""
     commands = _scored_commands(traces.commands)
     slave = last(run.messages(axis, SLAVE_STATE))
     overall, settled = _compare(traces.commands)
@@ -132,7 +131,9 @@ def _compare(commands: CommandTraces) -> tuple[PredictionComparison, PredictionC
 
 
 def _predictor(run: Run, axis: str, commands: CommandTraces) -> PredictorFigures:
-    """Coverage and width of the band, shares of the leading experts; empty where no force meets a band."""
+    """Coverage and mean width of the band over the commands with band and force, and shares of the leading
+    experts; all empty where no force meets a band.
+    """
     leading = Counter(message.leading for message in run.messages(axis, HAPTICS) if message.leading)
     rows = np.isfinite(commands.low_n) & np.isfinite(commands.high_n) & np.isfinite(commands.force_n)
     if not rows.any():

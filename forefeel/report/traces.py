@@ -142,7 +142,9 @@ def axis_traces(run: Run, axis: str) -> AxisTraces:
 
 
 def _commands(run: Run, axis: str, start_ns: int) -> CommandTraces:
-    """Commands of the master's samples, each with the first valid force that answers it."""
+    """Traces of the commands, a row for each of the master's samples, with the first valid force that answers
+    it or NaN. For `executed` and `followed` invalid answers count, too.
+    """
     valid = run.column(axis, FORCE, "valid").astype(bool)
     index, any_index = _answers(run, axis, valid), _answers(run, axis, np.ones_like(valid))
     force_n = np.append(_floats(run, axis, FORCE, "force_n"), np.nan)[index]  # -1: the NaN

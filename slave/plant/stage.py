@@ -86,7 +86,9 @@ class PlantStage:
         return target + (e + c * dt) * self._decay, feed + (d - w * c * dt) * self._decay
 
     def _limited(self, v: float, demanded: float) -> float:
-        """The velocity nearest to `demanded` that one step from v can reach."""
+        """Velocity nearest to `demanded` that one step from v can reach, within the limits of acceleration
+        and velocity.
+        """
         change, fastest = self._change_m_s, self._fastest_m_s
         if demanded > v + change:
             demanded = v + change

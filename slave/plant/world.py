@@ -121,7 +121,9 @@ class SimulatedWorld:
         return stamp_ns - self.start_ns
 
     def _integrate(self, first: int, last: int) -> None:
-        """Steps stage, fixture and filter up to step `last`, and converts once a millisecond."""
+        """Steps stage, fixture and the load cell's filter from after step `first` to step `last`; converts
+        once a millisecond.
+        """
         stage, fixture, cell = self._stage.step, self._fixture.step, self._load_cell
         dt, per_conversion = self._dt, _RATE_HZ // _CONVERSION_RATE_HZ
         for step in range(first + 1, last + 1):
