@@ -73,7 +73,8 @@ class CommandReceiver:
 
     def should_drop_session(self, now_ns: int, at_rest: bool) -> str | None:
         """Reason to release the session, or None; asked many times a second. A conflict at once. Else, while
-        the stage is at rest, 3 s of nothing but late commands, or of none at all since the first call.
+        the stage is at rest, over 3 s of nothing but late commands, or of none at all; the first call begins
+        the latter.
         """
         if self._received_ns is None:
             self._received_ns = now_ns
