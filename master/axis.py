@@ -91,6 +91,9 @@ class MasterAxis:
         self._connect(bus)
 
     def _connect(self, bus: Bus) -> None:
+        """Creates the publishers of the axis and subscribes to the slave's state, handshake and heartbeat.
+        Forces are polled: `_take_forces`, called at each tick, hands those that arrived to `_on_force`.
+        """
         self._command: Publisher = bus.publisher(topics.COMMAND)
         self._haptics: Publisher = bus.publisher(topics.HAPTICS)
         self._parameters: Publisher = bus.publisher(topics.PARAMETERS)
@@ -105,7 +108,10 @@ class MasterAxis:
     # --- where the transport delivers ---
 
     def _on_force(self, sample: ForceSample, receive_ns: int) -> None:
-        """Queues a force of this session for learning; the newest valid one is kept. Counts what it drops."""
+        """Queues a force sample of this session for learning. One that is not older also sets the stage
+        position and, if valid, becomes the newest force; an invalid one marks the newest as `ended`. Drops
+        and counts those of another session, beyond full scale or stamped ahead; older ones are counted.
+        """
         if sample.session_id != self.session.session_id:
             self.counters["forces_of_another_session"] += sample.session_id != 0
             return
@@ -134,7 +140,10 @@ class MasterAxis:
             self._force = self._force._replace(ended=True)
 
     def _on_state(self, state: SlaveState, receive_ns: int) -> None:
-        """Takes over a newer state of the slave with its caveats and reaction; counts any other."""
+        """Keeps a newer state of the slave and passes it to session and expected setpoint (its reaction
+        times); only counts an older one, or one stamped ahead. Other caveats than before add a notice; FAULT
+        and ESTOPPED set `faulted`.
+        """
         order = self._judge(self._states, topics.SLAVE_STATE, state, receive_ns)
         if order != "newer":
             self.counters[f"states_{order}"] += 1
@@ -160,7 +169,10 @@ class MasterAxis:
         return place
 
     def _on_handshake(self, handshake: Handshake, receive_ns: int) -> None:
-        """Hands the answer to the session, as refused where settings differ; a new session starts afresh."""
+        """Passes the slave's answer to the session, as refused where the settings differ, and logs it. If the
+        session opens: restarts heartbeats and stamp orders, forgets newest force and slave state, and takes
+        over the load cell's full scale; what was learned stays.
+        """
         before, accepted, reason = self.session.state, handshake.accepted, printable(handshake.reason)
         if accepted and handshake.settings_hash != settings_hash(self._shared):
             accepted, reason = False, f"settings differ: {differences(self._shared, handshake.settings)}"
@@ -180,7 +192,11 @@ class MasterAxis:
     # --- the haptic loop ---
 
     def tick(self, now_ns: int) -> None:
-        """Reads the handle, renders the loop's force; in a session publishes command and haptic sample."""
+        """Runs one haptic tick: takes the forces that arrived, reads the handle, predicts and renders the
+        force; in an open session publishes command and haptic sample. The handle's button asks for an
+        emergency stop. After `fail` the rendered force is 0; while stopping it fades out and the deadman
+        counts as released.
+        """
         self._take_forces()
         state, stage_position_m, force = self._shown_state(now_ns), self._stage_position_m, self._force
         self.handle.show(Indication(state, stage_position_m))
@@ -203,7 +219,9 @@ class MasterAxis:
         self._bus.end_batches(now_ns)
 
     def _status(self, now_ns: int) -> tuple[AxisStatus, str]:
-        """Status of the axis and its reason, the gravest first."""
+        """Status of the axis and its reason: the first that holds of failed, handle_fault, in_session,
+        no_session.
+        """
         if self._failed:
             return "failed", "a fault of the master"
         if self._hand.fault is not None:
@@ -212,7 +230,9 @@ class MasterAxis:
         return status, self.session.cause(now_ns)
 
     def _shown_state(self, now_ns: int) -> SafetyState | None:
-        """The slave's state; None without a session or when the slave has been silent."""
+        """Safety state of the slave; None before any, once it is stale, or when it names another session than
+        ours.
+        """
         state, stale_s = self._slave_state, topics.SLAVE_STATE.stale_after_s
         assert stale_s is not None
         silent = now_ns - self._state_received_ns > stale_s * 1e9
@@ -228,7 +248,9 @@ class MasterAxis:
         handle_m: float,
         force: NewestForce | None,
     ) -> None:
-        """Sends the command and the haptic sample of a tick under one header."""
+        """Publishes the command and the haptic sample of a tick under one header: one stamp and number.
+        Position and band of the command are clipped to the range of the messages.
+        """
         header = self._command.header(self.session.session_id, now_ns)
         low_n, high_n = outputs.band_n or (None, None)
         self._command.send(
@@ -261,7 +283,9 @@ class MasterAxis:
         return printable(slave.reason)
 
     def serve(self, now_ns: int) -> None:
-        """Logs and publishes events, and asks for a session where there is none; about every 50 ms."""
+        """Logs and publishes events, a lost session among them, and sets `faulted` on a handle fault; about
+        every 50 ms. Sends a handshake where the session asks for one, unless stopping or the settings differ.
+        """
         self.events.check(self._hand.fault, now_ns)
         if self._hand.fault is not None:
             self.faulted = True
@@ -307,7 +331,9 @@ class MasterAxis:
         self._heartbeats.beat(self.session.session_id, now_ns)
 
     def identify(self, now_ns: int) -> None:
-        """Learns from the forces that arrived; reports each wall that gave way and was forgotten."""
+        """Learns from the queued forces and renews the snapshot that the haptic loop uses; adds a
+        CONTACT_LOST event for each contact that gave way and was forgotten. `now_ns` is not used.
+        """
         del now_ns
         learner = self.identification.learner
         lost = len(learner.lost_n)
@@ -327,7 +353,9 @@ class MasterAxis:
         self._parameters.send(model_parameters(header, self.identification, self._prior))
 
     def report(self, now_ns: int) -> None:
-        """Publishes the master's state."""
+        """Publishes `MasterState`: handle fault, else the slave's state, else no_session; with reason,
+        deadman, clock offset and counters.
+        """
         best, state, fault = self._heartbeats.offset, self._shown_state(now_ns), self._hand.fault
         self._state.send(
             MasterState(
@@ -361,7 +389,10 @@ class MasterAxis:
         self._estop.send(EmergencyStop(**header, source="master", reason=self.stop.reason[:256]))
 
     def fail(self, error: BaseException) -> None:
-        """Reacts to a fault of any thread: no force, no deadman; the slave's watchdog does the rest."""
+        """Stops the axis for good after a fault of any thread: force 0 at once, deadman released from now on.
+        Sets `stopping` and `faulted`; counts the fault by its class, and a DeviceError of the handle, which
+        it catches.
+        """
         self.stopping = self._failed = self.faulted = True
         self.counters[f"fault_{type(error).__name__}"] += 1
         try:
@@ -370,6 +401,7 @@ class MasterAxis:
             self.counters["render_failed"] += 1
 
     def _count(self) -> dict[str, int]:
+        """Counters of learning, handle, axis, events and bus in one dict, by name."""
         identification = self.identification
         return {
             "forces_dropped": identification.queue.dropped,

@@ -63,7 +63,10 @@ class MasterDaemon:
             opened.pop_all()
 
     def _register(self, runtime: Runtime, bus: Bus) -> None:
-        """Registers loop, tasks and reports; `bus`: of the first axis, whose keys carry the reports."""
+        """Registers with the runtime the fault handler, the haptic loop (`tick`) and the periodic tasks of
+        all axes; adds the reports on timing and impairment. `bus`: of the first axis, under whose keys they
+        are published.
+        """
         runtime.on_fault(self.fail)
         lateness = runtime.loop("haptic", TICK_NS, self.tick)
         for name, period_ns, action in (
@@ -98,8 +101,9 @@ class MasterDaemon:
             axis.stopping = True
 
     def close(self, now_ns: int) -> None:
-        """Publishes what is left, closes handles and transport, keeps priors; after the loops have ended.
-        Each step is taken whatever becomes of the others: what failed is raised then.
+        """Publishes the last states, reports and events, closes handles and transport, then stores the
+        priors; to be called after the loops have ended. Every step runs even if another raises; the exception
+        is raised at the end.
         """
         with ExitStack() as steps:  # a stack: the last one first
             steps.callback(self._keep_priors)
@@ -128,7 +132,9 @@ def _axis(
     runtime: Runtime,
     event_sink: EventSink,
 ) -> MasterAxis:
-    """One axis; its learner starts from the prior and the model of the settings."""
+    """Builds an axis with handle (not opened), haptic loop and learner, which starts from the prior and the
+    model of the settings. Raises InputError: a file that the settings name can not be used.
+    """
     wanted = settings.prediction
     prior, origin = load(wanted, daemon.accept_prior)
     model = None if wanted.model is None else load_model(wanted.model)

@@ -36,7 +36,9 @@ class MasterEvents(AxisEvents):
         bus.subscribe(topics.SAFETY_EVENT, self._on_safety)
 
     def _on_limit(self, event: LimitEvent, receive_ns: int) -> None:
-        """Counts the rule, logs refusals, and adds a notice for a long round trip."""
+        """Counts an event of the slave by its rule (`limit_<rule>`; beyond 64 names `limit_other`), logs
+        refusals, and adds a notice for a long round trip. Ignores an event that was received before.
+        """
         if not self._is_new(event):
             return
         counter = f"limit_{event.rule}"
@@ -61,7 +63,9 @@ class MasterEvents(AxisEvents):
         return new
 
     def _limited(self, hit: LimitHit, count: int, now_ns: int) -> None:
-        """Reports a prediction that is not believed, and a lost contact; every limit is recorded anyway."""
+        """Logs a distrusted prediction, with a notice, and adds a notice for a lost contact; does nothing for
+        any other rule. `count`: occurrences since the last call for this rule.
+        """
         if hit.rule == DISTRUSTED:
             self._repeat("prediction_distrusted", "rendering", count)
             self.notices.repeat(
@@ -91,7 +95,7 @@ class MasterEvents(AxisEvents):
         )
 
     def publish_status(self, status: AxisStatus, reason: str, session_id: int, now_ns: int) -> None:
-        """Publishes the master's status where it has changed."""
+        """Publishes a `MasterEvent` where the status is another than at the last call; else nothing."""
         before, self._status = self._status, status
         if before != status:
             header = self._event.header(session_id, now_ns)

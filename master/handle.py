@@ -121,7 +121,10 @@ class HandleWatch:
         self._polarity = PolarityCheck()
 
     def read(self, now_ns: int) -> HandleReading:
-        """The handle's reading; while it has failed the last position, at rest, with the deadman released."""
+        """Reads the handle. A DeviceError, or a reading out of range, sets `fault`; from then on returns the
+        last position at rest with the deadman released. Re-arms once the person has pressed anew; the reading
+        of that tick still has the deadman released.
+        """
         had_failed = self.fault is not None
         try:
             if had_failed and not self._re_arm():
@@ -136,7 +139,9 @@ class HandleWatch:
         return HandleReading(self._reading.position_m, 0.0, False, self._reading.gripper)
 
     def render(self, force_n: float, now_ns: int) -> float:
-        """Renders; returns the force as applied, 0 by a failed handle. A reversed motor is a fault."""
+        """Applies a force to the hand, 0 while `fault` is set; returns the force as the handle applied it. A
+        DeviceError sets `fault` and returns 0; a motor that is found to be reversed sets `fault`, too.
+        """
         try:
             applied_n = self._handle.render(force_n if self.fault is None else 0.0, now_ns)
         except DeviceError as error:
@@ -148,7 +153,10 @@ class HandleWatch:
         return applied_n
 
     def _re_arm(self) -> bool:
-        """Re-arms the handle if the person pressed anew; False if not, or for a reversed motor."""
+        """Re-arms the handle if the person pressed the deadman anew: clears `fault`, adds a notice, calls
+        `re_armed`; True then. False if not pressed, or for a reversed motor. DeviceError where the handle
+        does not answer.
+        """
         if self.fault == _REVERSED or not self._handle.pressed_anew:
             return False
         self._handle.rearm()
@@ -164,7 +172,9 @@ class HandleWatch:
 
 
 def _checked(reading: HandleReading) -> HandleReading:
-    """The reading; raises DeviceError where it is beyond the range of the messages."""
+    """Returns the reading as it is; raises DeviceError where position, velocity or recording time is beyond
+    the range of the messages.
+    """
     x_m, v_m_s, time_s = reading.position_m, reading.velocity_m_s, reading.recording_time_s or 0.0
     if abs(x_m) <= MOST_POSITION_M and abs(v_m_s) <= MOST_VELOCITY_M_S and abs(time_s) <= MOST_SECONDS:
         return reading

@@ -95,7 +95,10 @@ class HapticLoop:
         self._stale_ns = int(settings.stale_s * 1e9)
 
     def tick(self, now_ns: int, inputs: HapticInputs) -> HapticOutputs:
-        """One tick: command from the handle, prediction from the command, force from the prediction."""
+        """Computes command, predicted force and rendered force of one tick; stateful. The rendered force
+        fades out unless the newest force is fresh and the slave follows. A prediction that the watch
+        distrusts is replaced by the late force, with a hit for it; if that lasts, the deadman is released.
+        """
         reading, force = inputs.reading, inputs.force
         position_m = self.clutch.command_m(reading, inputs.stage_position_m)
         predicted = self._predict(now_ns, position_m, inputs)
@@ -139,7 +142,9 @@ class HapticLoop:
         self._renderer.release()
 
     def _predict(self, now_ns: int, position_m: float, inputs: HapticInputs) -> Estimate | None:
-        """Predicted force for the command; None, and a new start, while the fixture is open."""
+        """Predicted force for the command; None before any force has arrived, and while the gripper is open,
+        when the prediction forgets its motion.
+        """
         reading = inputs.reading
         if reading.gripper is Grip.OPEN:
             self.prediction.reset()

@@ -101,7 +101,9 @@ class PassivityLimit:
         self._credit_j = min(self._credit_j + least_n * moved_m, self._most_j)
 
     def damped_n(self, wanted_n: float, moved_m: float) -> float:
-        """The wanted force, up to 6 % larger against the motion while C is below W."""
+        """Force in N: `wanted_n`, raised by up to 6 % against the motion while the credit C is below W (see
+        the class), at most to the largest force. Updates W and the smoothed velocity, so once per tick.
+        """
         self._stored_j = min(max(0.0, self._stored_j + wanted_n * moved_m), self._most_j)
         self._velocity_m_s += _SMOOTHING * (moved_m / _TICK_S - self._velocity_m_s)
         if self._credit_j >= self._stored_j or wanted_n * self._velocity_m_s <= 0.0:
@@ -110,7 +112,10 @@ class PassivityLimit:
         return max(-self._most_n, min(self._most_n, (1.0 + share) * wanted_n))
 
     def limited_n(self, asked_n: float, present_n: float, velocity_m_s: float, dt_s: float) -> float:
-        """Bounds the force in N of the next tick, see the class; `present_n`: the one of the last dt_s."""
+        """Force in N for the next tick: `asked_n` bounded in size by backing, brake and guard (see the
+        class), its sign kept; changes no state. `present_n`: force of the last `dt_s`; `velocity_m_s`: of the
+        hand.
+        """
         credit_j, late_s = max(self._credit_j, 0.0), (self._pending - 2) * _TICK_S
         into = 1.0 if asked_n >= 0.0 else -1.0
         into_m_s, half_n_s = into * velocity_m_s, 0.5 * self._slew_n_s
@@ -126,7 +131,9 @@ class PassivityLimit:
         return most_n if asked_n >= 0.0 else -most_n
 
     def _guarded_n(self, most_n: float, into_m_s: float, velocity_m_s: float) -> float:
-        """The largest size up to `most_n` with 2 L <= C + 0.9 mJ; `into_m_s`: velocity against that force."""
+        """Largest size in N up to `most_n` with 2 L <= C + 0.9 mJ, where L is the energy that all forces on
+        their way can give the hand; 0 where no other is. `into_m_s`: velocity against that force.
+        """
         forces_n = list(self._forces_n)
         gains = []  # of each tick j: m that a force gives to, and the energy / T that those on their way give
         for tick in range(1, self._pending + 1):

@@ -32,7 +32,10 @@ class PolarityCheck:
         self._windows = 0
 
     def is_reversed(self, position_m: float, force_n: float) -> bool:
-        """Adds position and force of a tick; True in one that ends a window, if the motor is reversed."""
+        """Adds position and force of a tick. True only at the end of a window of 100 ticks in which the force
+        swings by 0.2 N, from the fifth such window on, if the motion goes with the force: a reversed motor.
+        Else False.
+        """
         self._positions_m.append(position_m)
         self._forces_n.append(force_n)
         if len(self._forces_n) < _TICKS:

@@ -57,7 +57,11 @@ class ExpectedSetpoint:
         return sample.setpoint_m - sent.setpoint_m
 
     def correct(self, sample: ForceSample, asked_m: float) -> None:
-        """Takes over what the slave's force limit left, while the hand asks beyond it, `asked_m` now."""
+        """Moves the expected setpoint, within the workspace, by the slave's deviation from it, less the
+        corrections made since the sample's command was sent. Does nothing unless the slave's force limit
+        acted, that command is known, and the hand (`asked_m`, position asked for now) still asks beyond the
+        slave's setpoint on the same side.
+        """
         sent, setpoint_m = self._sent.get(sample.answers_stamp_ns or 0), sample.setpoint_m
         if sent is None or setpoint_m is None or not sample.force_limited:
             return
@@ -76,8 +80,9 @@ class ExpectedSetpoint:
         deadman: bool,
         expected: Estimate | None = None,
     ) -> float:
-        """The setpoint in m for the command of that stamp, where a force is `expected`. Without the deadman
-        nothing moves: the command is the stage's own position, as the network says it.
+        """Setpoint in m that the slave's motion and force limits leave of this command; stateful, kept for
+        its stamp. Without the deadman, or after a stamp that does not increase, it jumps to the command
+        within the workspace. `expected`: predicted force that the force limit is applied to; None: 0 N.
         """
         position_m = min(max(position_m, self._workspace_m[0]), self._workspace_m[1])
         previous_ns, self._previous_ns = self._previous_ns, stamp_ns
@@ -133,8 +138,9 @@ class ForcePrediction:
         snapshot: Snapshot,
         newest: ForceSample | None,
     ) -> Estimate | None:
-        """The force for the command that is sent now; None before any force has arrived. `snapshot`: what was
-        learned. The newest force counts at once, before it is learned from.
+        """Force where the slave's setpoint and its lagging stage will be by this command; None before any
+        force has arrived. Stateful, once per command: a new `newest` corrects setpoint and prediction at
+        once; without `deadman` the setpoint jumps to the command. `snapshot`: state of the learning.
         """
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
@@ -189,7 +195,10 @@ class IdentificationTask:
         self.used = self.unused = 0
 
     def run(self) -> None:
-        """Learns from what has arrived since the last call, in the order of the stamps, and publishes it."""
+        """Drains `queue`, learns from its samples in the order of the stamps and renews `snapshot`. Samples
+        that are invalid, answer no command or had the gripper open are only counted, in `unused`; the others
+        in `used`.
+        """
         samples = self.queue.drain()
         known = [(s, sample) for sample in samples if (s := self._prediction.stamp_s(sample)) is not None]
         self.used += len(known)

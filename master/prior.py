@@ -14,8 +14,9 @@ _SUSPECT_S, _SUSPECT = 3.0, 1.7
 
 
 def load(wanted: PredictionSettings, accept_other: bool) -> tuple[ContactPrior | None, str]:
-    """(prior that the session starts from, one line on it); (None, why) where it starts cold. The line is
-    empty where the settings name no folder. `accept_other`: a prior of another patient will do.
+    """Prior that the session starts from, and one line on its origin; None and the reason where there is
+    none, or its file is refused. None and an empty line where the settings name no prior_dir, instrument or
+    patient. `accept_other`: the prior of another patient is taken, too.
     """
     if wanted.prior_dir is None or wanted.instrument is None or wanted.patient is None:
         return None, ""
@@ -31,7 +32,9 @@ def load(wanted: PredictionSettings, accept_other: bool) -> tuple[ContactPrior |
 
 
 def suspicion(learner: Learner) -> str:
-    """One line of doubt where forces are beyond 1.7 times the prior's, or below 1/1.7; else empty."""
+    """Warning in one line where forces are beyond 1.7 times the prior's, or below 1/1.7; else empty, as it is
+    without a prior, before 3 s of contact and before a fit.
+    """
     prior = learner.prior
     if prior is None or learner.contact_s < _SUSPECT_S or (learned := learner.learned) is None:
         return ""
@@ -41,7 +44,9 @@ def suspicion(learner: Learner) -> str:
 
 
 def objection(contact_s: float, ratio: float, faulted: bool) -> str | None:
-    """Reason not to keep what was learned, else None. `ratio`: rms of prediction over zero-order hold."""
+    """Reason not to keep what was learned: a fault, under 5 s of contact, or a prediction no better than the
+    zero-order hold (`ratio`, rms over rms, above 1 or NaN); else None.
+    """
     if faulted:
         return "there was a fault or a stop"
     if contact_s < LEAST_CONTACT_S:
@@ -52,8 +57,9 @@ def objection(contact_s: float, ratio: float, faulted: bool) -> str | None:
 
 
 def keep(wanted: PredictionSettings, learner: Learner, faulted: bool, today: date) -> str:
-    """Writes what a session learned into the file of its instrument and patient, unless there is an
-    objection; in one line what became of it. Empty where the settings name no folder.
+    """Writes what a session learned into the prior file of its instrument and patient; returns one line:
+    kept, or not kept and why (an objection, nothing learned, a file error, which is not raised). Empty, and
+    nothing is written, where the settings name no prior_dir, instrument or patient.
     """
     if wanted.prior_dir is None or wanted.instrument is None or wanted.patient is None:
         return ""

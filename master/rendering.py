@@ -47,7 +47,10 @@ class ForceRenderer:
         self.force_n = 0.0
 
     def render(self, now_ns: int, contact_n: float | None, live: bool, position_m: float) -> Rendered:
-        """Force for a hand at `position_m`. `live`: armed and the feedback fresh; else it fades in fade_s."""
+        """Force to render: `contact_n` scaled, clipped, faded, limited in slew, made passive; with the limits
+        that changed it and the energy. It fades to zero in fade_s unless `live` (following, feedback fresh)
+        and `contact_n` is a finite number. Stateful, once per tick; `position_m`: of the handle.
+        """
         dt_s = self._step_s(now_ns)
         moved_m = 0.0 if self._position_m is None else position_m - self._position_m
         self._position_m = position_m

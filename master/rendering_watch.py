@@ -44,7 +44,10 @@ class RenderingWatch:
         predicted: Estimate | None,
         rendered: Rendered,
     ) -> None:
-        """Updates `distrusts` and `ends`. `newest`: force to feel, if any; `rendered`: in the tick before."""
+        """Updates `distrusts` and `ends` by one tick: set once wrong ticks sum up to 0.2 s and 0.3 s, right
+        ones taking off a quarter; both cleared while the deadman is released. `newest`: measured force that
+        is to be felt, None: nothing is wrong; `rendered`: in the tick before.
+        """
         self._moved_m += abs(position_m - self._position_m)
         self._position_m = position_m
         self._path_m.put(now_ns, self._moved_m)
@@ -55,7 +58,9 @@ class RenderingWatch:
         self.ends = deadman and (self.ends or self._wrong_s > _END_S)
 
     def _wrong(self, newest: ForceSample, predicted: Estimate, rendered: Rendered) -> bool:
-        """True if the prediction is out of reach of the measured force, or a clear force is not rendered."""
+        """True if the prediction is no number or further from the measured force than its band and the motion
+        since allow, or if a clear force is not rendered though the passivity limit did not act.
+        """
         measured_n = newest.force_n
         predicted_n = measured_n if self._feels_zoh else predicted.force_n
         most_n = max(self._limit_n, abs(measured_n))

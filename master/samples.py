@@ -21,7 +21,9 @@ from forefeel.master.prediction import IdentificationTask
 def ages_s(
     now_ns: int, force: NewestForce | None, clock: OffsetEstimate | None
 ) -> tuple[float | None, float | None]:
-    """Age of the newest force on the master's clock, and round trip of the command that it answers."""
+    """Age in s of the newest force, and round trip in s of the command that it answers. None: both without a
+    force, the age while the clocks are not compared, the round trip where it answers no command.
+    """
     if force is None:
         return None, None
     sample = force.sample
@@ -38,7 +40,10 @@ def haptic_sample(
     force: NewestForce | None,
     clock: OffsetEstimate | None,
 ) -> HapticSample:
-    """The message of one tick. `rendered_n`: as the handle applied it."""
+    """Builds the haptic sample of one tick; fields of the prediction or of the newest force are None where
+    there is none. Clips command position and prediction to the range of the messages. `rendered_n`: as the
+    handle applied it.
+    """
     predicted = outputs.predicted
     force_n, low_n, high_n = map(bounded, predicted[:3]) if predicted else (None, None, None)
     age_s, delay_s = ages_s(header["stamp_ns"], force, clock)
@@ -70,7 +75,9 @@ def bounded(force_n: float | None) -> float | None:
 
 
 def model_parameters(header: Header, identification: IdentificationTask, prior: str) -> ModelParameters:
-    """The message of the contact model, empty until there is one, and of the learning so far."""
+    """Builds the message of the contact model (empty and not valid until there is one) and of the learning so
+    far. `prior`: one line on its origin, cut to 256 characters.
+    """
     contact, learned = identification.snapshot.contact, identification.snapshot.learned
     return ModelParameters(
         **header,

@@ -63,10 +63,11 @@ class Session:
     def answered(
         self, session_id: int, accepted: bool, reason: str, asked_ns: int | None, now_ns: int
     ) -> None:
-        """Takes the slave's answer to the handshake of `asked_ns`: opens the session, or notes why not.
+        """Takes the slave's answer to the handshake sent at `asked_ns`: opens the session, or notes the
+        reason. Differing settings end the asking (MISMATCH). An id used before, or an answer that took too
+        long, takes a new id, so that no later answer to the old one opens a session.
 
-        One for an older session changes nothing. One that took too long opens nothing, and the next handshake
-        has a new id, so that no later answer to the old one does.
+        An answer to another id, without `asked_ns` or while not asking only counts as hearing the slave.
         """
         self.heard_ns, self.obstacle = now_ns, ""
         if session_id != self.session_id or self.state is not SessionState.ASKING or asked_ns is None:
@@ -95,7 +96,9 @@ class Session:
         return self.heard_ns is not None and now_ns - self.heard_ns <= _SILENT_AFTER_S * 1e9
 
     def cause(self, now_ns: int) -> str:
-        """Reason, as of now, why the session is open, or is not."""
+        """Reason in one line why the session is open, or is not: the slave's answer while the slave is heard,
+        else `obstacle`, else for how long it has been silent. Of a mismatch always the settings that differ.
+        """
         if self.state is SessionState.MISMATCH:
             return self._reason
         since_ns = now_ns if self._asking_since_ns is None else self._asking_since_ns

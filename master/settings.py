@@ -64,6 +64,9 @@ class RenderingSettings(Settings):
 
     @model_validator(mode="after")
     def _fades_in_time(self) -> Self:
+        """Raises ValueError where `fade_s` is shorter than the slew limit takes from the largest force to
+        zero.
+        """
         shortest_s = self.max_force_n / self.max_slew_n_s
         if self.fade_s < shortest_s:
             raise ValueError(
@@ -89,6 +92,9 @@ class MasterAxisSettings(AxisSettings):
 
     @property
     def bounds(self) -> tuple[Bound, ...]:
+        """Ranges in which the rendering settings protect the hand: key, least, most, reason. Outside them a
+        setting needs `unsafe` with a real handle.
+        """
         return (
             ("rendering.max_force_n", 0.0, _HAND_N, "the strongest of desktop handles"),
             ("rendering.max_slew_n_s", 0.0, self.rendering.max_force_n / _RISE_S, "a blow"),

@@ -31,7 +31,9 @@ class StopRequest:
         return True
 
     def due(self, now_ns: int, state: SlaveState | None, received_ns: int) -> bool:
-        """True if it is to be sent now; a `state` of `received_ns` that acknowledges it withdraws it."""
+        """True if the stop is to be sent now, which notes the time: every 20 ms for 2 s, then every 250 ms.
+        False where none is wanted; a `state` received after the asking that acknowledges it ends the request.
+        """
         if not self.wanted:
             return False
         if state is not None and state.acknowledges_stop and received_ns > self._asked_ns:

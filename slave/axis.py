@@ -122,7 +122,10 @@ class SlaveAxis:
 
     @property
     def reason(self) -> str:
-        """Reason for its state, or what keeps it from arming."""
+        """Reason for the safety state; in READY what keeps the axis from arming or, before the first arming,
+        what that declares; in IDLE why a session without any heartbeat ended, if one did. "not open" before
+        `open`.
+        """
         if self._control is None:
             return "not open"
         machine = self._control.machine
@@ -155,7 +158,8 @@ class SlaveAxis:
     # --- the control loop ---
 
     def open(self, now_ns: int) -> None:
-        """Opens the devices and takes the stage's position as the setpoint.
+        """Opens the devices and creates the control with its setpoint at the stage's position. A stop or
+        fault that was latched before the start is latched again at once, as an emergency stop.
 
         Raises:
             DeviceError: a device does not answer, or the stage does not say where it is.
@@ -173,7 +177,10 @@ class SlaveAxis:
         self._watch.close()
 
     def tick(self, now_ns: int) -> None:
-        """Takes commands, reads the devices, steps the control, moves the stage; sends forces and events."""
+        """Runs one control tick: takes the commands, re-arms the devices if a clearing is asked for, reads
+        them, checks the load cell's sign, steps the control, moves stage and gripper; publishes forces and
+        reports the events. AssertionError before `open`.
+        """
         assert self._control is not None, "open() comes first"
         self._take_commands()
         cleared = self._clear.take() is not None
@@ -209,7 +216,9 @@ class SlaveAxis:
             self.events.transition(transition, self._session.holder, now_ns)
 
     def _inputs(self, now_ns: int, cleared: bool) -> ControlInputs:
-        """Collects the inputs of a tick, and takes what waits in the slots."""
+        """Collects the inputs of a control tick; empties the slots of command, emergency stop and fault. A
+        conflict of two writers counts as no live session. `cleared`: a clearing was asked for.
+        """
         command, released = self._receiver.slot.take()
         conflict = self._receiver.conflict
         live = conflict is None and self._session.live(now_ns)
@@ -233,7 +242,9 @@ class SlaveAxis:
         )
 
     def _apply(self, outputs: ControlOutputs, now_ns: int) -> None:
-        """Moves the stage, or holds it, and sets the grip; a device that fails is a fault of the axis."""
+        """Commands or holds the stage and sets the gripper; a DeviceError becomes a fault of the axis, and
+        one of the stage leaves the gripper alone. Reports a limit where the drive's travel cut the target.
+        """
         try:
             if outputs.moving:
                 asked_m = outputs.target_m
@@ -255,7 +266,9 @@ class SlaveAxis:
     # --- on asyncio ---
 
     def serve(self, now_ns: int, last: bool = False) -> None:
-        """Answers handshakes, drops a session gone silent, publishes, logs; every 10 ms, and at the end."""
+        """Answers handshakes, releases a session with a second writer, only late commands or none, publishes
+        and logs events; every 10 ms. `last`: all that is gathered. Logs them even where publishing raises.
+        """
         try:
             if lost := self._session.ended_unrenewed(now_ns):
                 self._lost_reason = lost
@@ -285,7 +298,9 @@ class SlaveAxis:
         self._device_reports.calibrations(self._session.holder, now_ns)
 
     def report(self, now_ns: int) -> None:
-        """Publishes the slave's state."""
+        """Publishes `SlaveState`: safety state with reason, readback, grip, clock offset and counters; the
+        session is 0 where none is live.
+        """
         assert self._control is not None
         best, holder = self._session.offset, self.session(now_ns)
         self._state.send(
@@ -308,6 +323,7 @@ class SlaveAxis:
         )
 
     def _count(self) -> dict[str, int]:
+        """Counters of commands, events, devices, session and bus in one dict, by name."""
         return {
             "commands_superseded": self._receiver.slot.superseded,
             **self.events.counts(),

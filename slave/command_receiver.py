@@ -72,10 +72,9 @@ class CommandReceiver:
         self._gate.open(session_id)
 
     def should_drop_session(self, now_ns: int, at_rest: bool) -> str | None:
-        """Reason to release the session, or None; asked many times a second.
-
-        At once where there is a conflict. Else once the stage is at rest, when for some seconds nothing but
-        late commands has come, or none at all.
+        """Reason to release the session, or None; asked many times a second. A conflict at once. Else, while
+        the stage is at rest, over 3 s of nothing but late commands, or of none at all; the first call begins
+        the latter.
         """
         if self._received_ns is None:
             self._received_ns = now_ns
@@ -87,7 +86,9 @@ class CommandReceiver:
         return _SILENT if at_rest and now_ns - self._received_ns > _SILENT_FOR_NS else None
 
     def on_command(self, command: MotionCommand, receive_ns: int) -> None:
-        """Puts an admitted command into the slot; counts and reports one that is refused."""
+        """Puts a command that the gate admits into the slot; counts and reports one that is refused. Before
+        the clocks are compared one of the present session is ignored, neither admitted nor refused.
+        """
         clock = self._session.offset
         if clock is None and command.session_id == self._session.holder:
             self._received_ns = receive_ns  # nothing is executed yet; a number of the future may not count
@@ -102,7 +103,9 @@ class CommandReceiver:
             self._refuse(refusal, receive_ns)
 
     def _refuse(self, refusal: Refusal, receive_ns: int) -> None:
-        """Counts and reports the refusal; a second writer is a conflict."""
+        """Counts the refusal and reports it as a limit event. A second writer sets `conflict`; a late command
+        extends the span of late ones that `should_drop_session` judges.
+        """
         if refusal.rule == "late":
             first_ns, _ = self._late_ns or (receive_ns, receive_ns)
             self._late_ns = first_ns, receive_ns
@@ -113,6 +116,9 @@ class CommandReceiver:
 
 
 def _gate_limits(settings: SlaveAxisSettings) -> GateLimits:
+    """Limits of age, position and velocity beyond which a command is refused; those of position and velocity
+    are wider than the axis's own, which change a motion and refuse nothing.
+    """
     low, high = settings.limits.workspace_m
     return GateLimits(
         max_age_ns=int(settings.gate.max_age_s * 1e9),

@@ -102,7 +102,11 @@ class AxisControl:
         return not self.machine.following and self.limiter.velocity_m_s == 0.0 and self._stage_rests
 
     def tick(self, now_ns: int, inputs: ControlInputs) -> ControlOutputs:
-        """Takes the inputs, fires the events that they cause, and moves the setpoint or brings it to rest."""
+        """Runs one control tick: fires the events that the inputs cause, then moves the setpoint along the
+        command while following, else brakes it to rest. A strayed stage puts the setpoint on the readback; so
+        does a loop that stood still beyond the watchdog, which fires WATCHDOG, too. The result lists
+        transitions and limits.
+        """
         stood_ns = 0 if self._previous_ns is None else now_ns - self._previous_ns
         dt_s = self._step_s(now_ns)
         transitions: list[Transition] = []
@@ -151,7 +155,10 @@ class AxisControl:
         )
 
     def obstacle(self, clock: OffsetEstimate | None) -> LimitHit | None:
-        """Rule that keeps it from arming, wherever hand and stage are; None where none does."""
+        """Limit that keeps the axis from arming wherever hand and stage are: round trip too long (not judged
+        while `clock` is None), force limit that leaves too little speed, load cell not at zero; None where
+        there is none.
+        """
         if (hit := self._long_round_trip(clock)) is not None:
             return hit
         leaves_m_s = open_speed_m_s(self._limits, self.limiter.reaction)
@@ -181,7 +188,9 @@ class AxisControl:
         return min(max(elapsed_s, 1e-6), _MAX_STEP_S)
 
     def _take(self, inputs: ControlInputs) -> None:
-        """Takes a new command; notes whether the deadman was released."""
+        """Keeps a new command with its receive stamp and measures how late it came; notes that the deadman
+        was released, which engaging requires. Does nothing without a new command.
+        """
         if inputs.command is None:
             return
         self._command, self._received_ns = inputs.command
@@ -201,7 +210,10 @@ class AxisControl:
         self._late_s = min(max(late_ns * 1e-9, -_MAX_LEAD_S), _MAX_LEAD_S)
 
     def _events(self, now_ns: int, inputs: ControlInputs, hits: list[LimitHit]) -> list[tuple[E, str]]:
-        """Events that the inputs cause, in firing order: a clearing is first, for what holds outlasts it."""
+        """Events with reasons that the inputs cause, in firing order: clear (first, so that a cause that
+        lasts latches again), emergency stop, fault, shutdown, session lost or opened, those of the command.
+        Adds to `hits` the limit that refuses to arm.
+        """
         events: list[tuple[E, str]] = []
         if inputs.clear:
             events.append((E.CLEAR, "cleared at the slave"))
@@ -225,7 +237,10 @@ class AxisControl:
     def _command_events(
         self, now_ns: int, inputs: ControlInputs, clock: OffsetEstimate, hits: list[LimitHit]
     ) -> list[tuple[E, str]]:
-        """While following the reason to end it, or the end of the ramp; else ENGAGE on a fresh press."""
+        """Event with reason of the newest command, at most one: while following its end, or the end of the
+        ramp; in READY at rest ENGAGE, on a deadman pressed after a release. Empty where none; a refusal to
+        arm is added to `hits`.
+        """
         command = self._command
         if command is None:
             return []
@@ -240,7 +255,9 @@ class AxisControl:
     def _following_events(
         self, now_ns: int, released: bool, command: MotionCommand, clock: OffsetEstimate
     ) -> list[tuple[E, str]]:
-        """Event that ends the following: release, silence, slow link; while engaging, how that ends."""
+        """Event with reason that ends the following, at most one: release, silence beyond the watchdog, long
+        round trip; while engaging also misalignment, or the end of the ramp (ENGAGED). Empty where none.
+        """
         if released or not command.deadman:
             return [(E.RELEASE, "deadman released")]
         silent_ns = now_ns - self._received_ns
@@ -269,7 +286,10 @@ class AxisControl:
         return hit is None
 
     def _fire(self, event: E, reason: str, now_ns: int, transitions: list[Transition]) -> None:
-        """Fires an event; appends the transition that it makes to `transitions`, resets what that ends."""
+        """Fires an event in the safety machine; does nothing where its state has no transition for it. Else
+        appends the transition to `transitions`. ENGAGING stores the time; leaving ENGAGING or ARMED asks for
+        a new release and counts in `stops`, except by RELEASE and ESTOP; SESSION_OPENED forgets the command.
+        """
         changed = self.machine.fire(event, reason)
         if changed is None:
             return
@@ -284,7 +304,9 @@ class AxisControl:
             self._command, self._released, self._usual_transit_ns = None, False, None
 
     def _follow(self, now_ns: int, dt_s: float) -> list[LimitHit]:
-        """Moves the setpoint along the newest command, between commands too, until the watchdog ends it."""
+        """Moves the setpoint by dt towards the newest command, carried on with its velocity; returns the
+        limits that acted. Takes over the command's grip; while engaging the speed ramps up.
+        """
         assert self._command is not None
         command = self._command
         self.grip = command.gripper

@@ -46,7 +46,9 @@ class ClearRequest:
         self._was: list[tuple[SlaveAxis, str]] = []
 
     def begin(self, axes: Sequence[SlaveAxis]) -> bool:
-        """Asks the halted axes that are meant to clear at their ticks; False if cancelled, without `end`."""
+        """Asks those halted axes that the request means to clear at their tick, and remembers their reasons;
+        True. False, and nothing is asked, if it was cancelled: `end` is not to be called then.
+        """
         if not self.done.set_running_or_notify_cancel():
             return False
         chosen = [axis for axis in axes if axis.halted and self._means(axis)]
@@ -105,7 +107,10 @@ class SlaveDaemon:
             opened.pop_all()
 
     def _register(self, runtime: Runtime, bus: Bus) -> None:
-        """Registers loop, tasks and reports; `bus`: of the first axis, whose keys carry the reports."""
+        """Registers with the runtime the control loop (`tick`), the fault handler and the periodic tasks of
+        all axes; adds the reports on timing and impairment. `bus`: of the first axis, under whose keys they
+        are published.
+        """
         self._loop = runtime.loop("control", TICK_NS, self.tick)
         runtime.on_fault(self.fail)
         runtime.task("serve", SECOND_NS // 100, self._serve)
@@ -115,7 +120,9 @@ class SlaveDaemon:
         self._reports = Reports(bus, "slave", self._loop, self.transport, runtime)
 
     def tick(self, now_ns: int) -> None:
-        """One control tick of every axis. An emergency stop or fault of one axis stops them all."""
+        """Ticks every axis; waiting clear requests begin before and end after, even if a tick raises. If an
+        axis is then in FAULT or ESTOPPED, every other gets an emergency stop that names the first such axis.
+        """
         clearings = [request for request in self._clear.drain() if request.begin(self.axes)]
         try:
             for axis in self.axes:
@@ -140,7 +147,9 @@ class SlaveDaemon:
         return request.done
 
     def fail(self, error: BaseException) -> None:
-        """Logs a fault of any thread and fails every axis, whatever another one raises."""
+        """Fails every axis, fires what waits for a tick if the control loop has ended, then logs the fault.
+        Every step runs even if another raises; the exception is raised at the end.
+        """
         with ExitStack() as reactions:
             reactions.callback(self._event_sink.thread_fault, self.axes[0].name, error, self._now_ns())
             for axis in self.axes:
@@ -163,8 +172,9 @@ class SlaveDaemon:
         return all(axis.at_rest for axis in self.axes)
 
     def close(self, now_ns: int) -> None:
-        """Publishes what is left, closes devices and transport; after the loops have ended. Each step is
-        taken whatever becomes of the others: what failed is raised then.
+        """Fires what waits for a tick, publishes the last events, states and reports, closes devices and
+        transport; to be called after the loops have ended. Every step runs even if another raises; the
+        exception is raised at the end.
         """
         with ExitStack() as steps:  # a stack: the last one first
             steps.callback(self.transport.close)
@@ -184,7 +194,9 @@ class SlaveDaemon:
 
 
 def _devices(settings: SlaveAxisSettings, clock: Clock) -> Devices:
-    """The drivers that the settings name. All simulated ones of an axis share one world."""
+    """Builds the drivers that the settings name, not opened, with the origin of each by slot. Simulated ones
+    share one new simulated world of the axis; the others get the clock.
+    """
     world = SimulatedWorld(settings.simulation, settings.seed)
     sections = settings.sections
     drivers = {slot: driver_of(slot, section) for slot, section in sections.items()}

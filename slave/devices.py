@@ -48,7 +48,8 @@ class DeviceWatch:
         self._on_fault = on_fault
 
     def open(self, now_ns: int) -> None:
-        """Opens the devices; all or none.
+        """Opens stage, gripper and load cell, and takes a first readback of the stage; all stay open, or
+        none.
 
         Raises:
             DeviceError: one does not answer, or the stage does not say where it is.
@@ -68,7 +69,9 @@ class DeviceWatch:
                 opened.callback(device.close)
 
     def rearm(self) -> None:
-        """Re-arms stage and load cell after a fault, as a clearing asks; stops at the first that fails."""
+        """Re-arms the stage, then the load cell, after a fault. The first DeviceError ends it; it goes to
+        `on_fault` and is not raised.
+        """
         for name, device in (("stage", self._devices.stage), ("load_cell", self._devices.load_cell)):
             try:
                 device.rearm()
@@ -77,7 +80,10 @@ class DeviceWatch:
                 return
 
     def read(self, now_ns: int, recording_time_s: float | None) -> Sequence[LoadCellReading]:
-        """Reads stage and cell, reports faults; returns the new readings, an invalid one on failure."""
+        """Reads stage, then cell, and keeps the last force, invalid once stale; returns the new readings,
+        maybe none. A failure, or a force beyond full scale, goes to `on_fault` and gives one invalid reading
+        instead; a stage that fails skips the cell, one that strays is a fault, too, but the cell is read.
+        """
         cell, name = self._devices.load_cell, "stage"
         try:
             self._read_stage(now_ns)
@@ -106,7 +112,9 @@ class DeviceWatch:
         return max(0, now_ns - self._stamp_ns) * 1e-9
 
     def _read_stage(self, now_ns: int) -> None:
-        """Reads the stage; raises DeviceError where the readback is beyond the range of the messages."""
+        """Reads the stage into `stage`; raises DeviceError where the readback is beyond the range of the
+        messages.
+        """
         reading = self._devices.stage.read(now_ns)
         if not (
             abs(reading.position_m) <= MOST_POSITION_M and abs(reading.velocity_m_s) <= MOST_VELOCITY_M_S
@@ -139,7 +147,9 @@ class DeviceReports:
 def _message(
     calibration: StageCalibration | LoadCellCalibration, publisher: Publisher, session_id: int, now_ns: int
 ) -> Calibration:
-    """The calibration as a message; what its slot does not have is None."""
+    """Builds the message of a calibration; a field that the other kind of device has is None. Cuts driver and
+    serial to 256 characters.
+    """
     names = "native_per_m", "gain_n", "residual_n", "hysteresis_n"
     rest: dict[str, Any] = {name: getattr(calibration, name, None) for name in names}
     return Calibration(

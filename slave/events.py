@@ -55,7 +55,9 @@ class SlaveEvents(AxisEvents):
         state: SafetyState,
         session: int,
     ) -> None:
-        """Adds one control cycle to the flight recorder."""
+        """Adds the row of one control cycle to the flight recorder's ring; does nothing where there is no
+        recorder.
+        """
         if self._add_cycle is None:
             return
         executing = outputs.executing
@@ -67,7 +69,9 @@ class SlaveEvents(AxisEvents):
         self._add_cycle(row)
 
     def publish(self, session_id: int, now_ns: int, last: bool = False) -> None:
-        """Publishes the queued transitions, with a notice for each, then the limits that are due."""
+        """Publishes the queued transitions, with a notice for each, then the limits that are due, or all if
+        `last`.
+        """
         for (before, event, after, reason), stamp_ns in self._transitions.drain():
             header = self._safety.header(session_id, stamp_ns)
             message = SafetyEvent(**header, before=before, event=str(event), after=after, reason=reason[:256])
@@ -76,7 +80,10 @@ class SlaveEvents(AxisEvents):
         super().publish(session_id, now_ns, last)
 
     def _limited(self, hit: LimitHit, count: int, now_ns: int) -> None:
-        """Logs refusals and a force above its limit; notices that, and what keeps the axis from arming."""
+        """Logs a refused command and a force above its limit; adds a notice for the latter, and for what
+        keeps the axis from arming. Does nothing for other rules. `count`: occurrences since the last call for
+        this rule.
+        """
         if hit.rule in REFUSALS:
             asked, limit = (f"{value:g} {hit.unit}".strip() for value in (hit.requested, hit.applied))
             self._repeat("refused", hit.rule, count, requested=asked, limit=limit)

@@ -42,7 +42,9 @@ class KnownServo:
         self._s, self._feed, self._carried_s = position_m, velocity_m_s, EXTRAPOLATION_S
 
     def span_m(self, now_ns: int) -> tuple[float, float]:
-        """The lowest and the highest position of a healthy stage."""
+        """Advances the servo model to `now_ns`; returns its position in m twice, the lowest and the highest
+        of a healthy stage.
+        """
         elapsed_s, self._now_ns = (now_ns - self._now_ns) * 1e-9, now_ns
         carried_s = min(elapsed_s, self._carried_s)
         self._carried_s -= carried_s
@@ -53,7 +55,9 @@ class KnownServo:
         return self._r, self._r
 
     def _go_on(self, feed: float, duration_s: float) -> None:
-        """Integrates over a duration; `feed`: velocity of the setpoint meanwhile."""
+        """Integrates the servo model over `duration_s`, in steps of 1 ms at most, within the acceleration
+        limit. `feed`: velocity of the setpoint meanwhile, in m/s.
+        """
         w = self._w
         while duration_s > 0.0:
             dt = min(duration_s, _STEP_S)
@@ -92,7 +96,9 @@ class LateStage:
             self._sent.append(self._newest)
 
     def span_m(self, now_ns: int) -> tuple[float, float]:
-        """The lowest and the highest position of a healthy stage."""
+        """Lowest and highest position in m of a healthy stage at `now_ns`: among the setpoints that hold
+        within the lag, and each of them carried on to now with its velocity. Drops older setpoints.
+        """
         sent, since_ns = self._sent, now_ns - self._lag_ns
         while len(sent) > 1 and sent[1][0] <= since_ns:
             sent.popleft()
@@ -145,7 +151,10 @@ class FollowingWatch:
         self._holds = True
 
     def read(self, reading: StageReading, now_ns: int) -> str | None:
-        """Updates the attributes by a readback; the text of the fault where it is one, else None."""
+        """Fault text where the stage is over 0.1 mm off the span of its setpoints, or still moves 0.5 s after
+        a hold; else None. Sets `at_rest`, `deviation_m` and `strayed`. While it holds, or after a gap in the
+        readbacks, the expectation restarts at the readback.
+        """
         self._read_m = x_m = reading.position_m
         blind = now_ns - self._read_ns > self._expected.blind_ns
         self._read_ns = now_ns

@@ -53,7 +53,9 @@ class ForcePublisher:
         self._instants.append(instant)
 
     def send(self, reading: LoadCellReading, holder: int, clock: OffsetEstimate | None) -> None:
-        """Publishes a reading with its tick; one without a stamp belongs to the newest tick."""
+        """Publishes one reading as a force sample, with stage, command and setpoint of the tick of its stamp
+        (no stamp: the newest tick). `holder`: session id. At least one tick has to be noted before.
+        """
         newest = self._instants[-1]
         at = newest if reading.stamp_ns is None else self._at(reading.stamp_ns)
         executing = at.executing
@@ -77,7 +79,9 @@ class ForcePublisher:
         )
 
     def _at(self, stamp_ns: int) -> Instant:
-        """The tick that ended the span in which the stamp lies, at the stamp; the oldest known for older."""
+        """First tick not before the stamp, restamped to it, its stage interpolated to it. Beyond the
+        remembered ticks the newest or the oldest one, restamped only.
+        """
         index = bisect_left(self._instants, stamp_ns, key=lambda instant: instant.stamp_ns)
         if index == len(self._instants):
             return self._instants[-1]._replace(stamp_ns=stamp_ns)
@@ -135,7 +139,10 @@ class ForceWatch:
     def take(
         self, now_ns: int, force_n: float, valid: bool, age_s: float, tick_s: float, follows: bool
     ) -> None:
-        """Takes the newest reading into force, lateness and zero. `tick_s`: since the last."""
+        """Updates the attributes with the newest reading. A valid one renews the lateness and, while nothing
+        follows, zero and noise. An invalid or late one lowers `limit_share` and replaces the force only if
+        that is smaller (without a timeout it counts like a valid one). `tick_s`: since the last call.
+        """
         if valid:
             self.late_s = age_s + tick_s
             self._worst_s = max(self.late_s, self._worst_s * exp(-tick_s / _WORST_OF_S))
@@ -154,7 +161,9 @@ class ForceWatch:
         self.age_s = (now_ns - self._stamp_ns) * 1e-9
 
     def fault(self, now_ns: int, valid: bool, following: bool) -> str | None:
-        """Fault text when the cell was blind, or late, for too long while the stage follows; else None."""
+        """Fault text when the cell was blind, or late, for longer than the timeout while the stage follows;
+        else None, and always None without a timeout.
+        """
         if (valid and not self.is_late) or self._timeout_s is None or not following:
             self._trusted_ns = now_ns
         elif self._trusted_ns is not None and now_ns - self._trusted_ns > self._timeout_s * 1e9:
@@ -180,7 +189,9 @@ class PushWatch:
         self._pushed_ns = 0
 
     def fault(self, now_ns: int, stage: StageReading, force_n: float, following: bool) -> str | None:
-        """Fault text when the cell has pulled for 10 ms on the way in; else None."""
+        """Fault text when the cell has pulled (force below its tare) for 10 ms while the stage moves in; else
+        None. While not `following` it takes the tare: the present pull, limited to what a zero may be off.
+        """
         x_m, v_m_s = stage
         if not following:
             self._tare_n = max(-self._pull_n, min(0.0, force_n))
@@ -206,7 +217,9 @@ class PolarityWatch:
         self._known = self._loaded = False
 
     def fault(self, now_ns: int, position_m: float, force_n: float, following: bool) -> str | None:
-        """Fault text when the first contact of a way in that began free pulls; else None."""
+        """Fault text when the first contact, of 5 ms, of a way in that began free pulls (`force_n` negative);
+        else None. A first contact that pushes ends the watch for good.
+        """
         free = abs(force_n) <= self._free_n
         if not following:
             self._start_m, self._deepest_m, self._loaded = position_m, -inf, not free

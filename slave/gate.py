@@ -66,8 +66,9 @@ class CommandGate:
         self._window = _Window(session_id)
 
     def admit(self, command: MotionCommand, receive_ns: int, clock: OffsetEstimate | None) -> Refusal | None:
-        """None, and the sequence moves on, when the command may be executed; else why it is refused. The age
-        is not judged before the clocks are compared: nothing is executed until then.
+        """Refusal of a command for its session, sequence, age or range; None where it is admitted, and the
+        sequence moves on. The age is not judged while `clock` is None: nothing is executed until the clocks
+        are compared.
         """
         window = self._window
         if window is None or command.session_id != window.session_id:
@@ -91,6 +92,7 @@ class CommandGate:
         return None
 
     def _check_range(self, command: MotionCommand) -> Refusal | None:
+        """Refusal of an implausible position or velocity, beyond the gate's limits; else None."""
         low, high = self._limits.position_m
         if not low <= command.position_m <= high:
             return Refusal("range", command.position_m, high if command.position_m > high else low, "m")

@@ -49,7 +49,9 @@ class Lease:
         return self.holder != 0 and now_ns < self._expires_ns
 
     def request(self, session_id: int, now_ns: int, at_rest: bool) -> str | None:
-        """Reason for a refusal, or None when the session holds the lease from now on; may be repeated."""
+        """Grants the lease to a session: None, also where it holds it already. Else the reason of the
+        refusal: an id of 0 or used before, another session that is live, a stage not at rest.
+        """
         if session_id == self.holder and self.live(now_ns):
             return None
         if session_id in self._used or session_id == 0:
@@ -121,7 +123,9 @@ class SlaveSession:
         return self._ended or f"no heartbeat from the master for {span(self._lease.expired_after_s)}"
 
     def clock_fault(self, now_ns: int) -> str | None:
-        """Fault text when the master, while it holds the lease, has a clock too fast or slow to follow."""
+        """Fault text when the master, while it holds the lease, has a clock too fast or slow to follow; else
+        None.
+        """
         clock = self._heartbeats.offset
         if clock is None or abs(clock.rate_ppm) <= MAX_RATE_PPM or not self._lease.live(now_ns):
             return None
@@ -138,7 +142,9 @@ class SlaveSession:
         self._handshakes.put((handshake, receive_ns))
 
     def _on_heartbeat(self, heartbeat: Heartbeat, receive_ns: int) -> None:
-        """Renews the lease by a heartbeat of its live holder; counts all others."""
+        """Renews the lease by a heartbeat of its live holder; only counts one of another session, or one that
+        is refused as a replay.
+        """
         if heartbeat.session_id != self._lease.holder or not self._lease.live(receive_ns):
             self.counters["heartbeats_of_another_session"] += 1
         elif self._heartbeats.receive(heartbeat, receive_ns):
@@ -147,7 +153,9 @@ class SlaveSession:
             self.counters["heartbeats_refused"] += 1
 
     def serve(self, now_ns: int, at_rest: bool, opened: Callable[[int], None]) -> None:
-        """Answers the handshakes that came in; calls `opened` with the id of each new session."""
+        """Answers each handshake that came in, accepted or refused with a reason; counts and logs it. Calls
+        `opened` with the id of each new session.
+        """
         for handshake, receive_ns in self._handshakes.drain():
             before = self._lease.holder
             reason = self._open(handshake, receive_ns, at_rest, opened)
@@ -189,7 +197,10 @@ class SlaveSession:
     def _open(
         self, handshake: Handshake, receive_ns: int, at_rest: bool, opened: Callable[[int], None]
     ) -> str:
-        """Opens a session for a handshake of a matching master; the reason of a refusal, else empty."""
+        """Opens a session where the peer is a master with equal settings and the lease is granted; returns
+        the reason of a refusal, else empty. A new session restarts the heartbeats and calls `opened` with its
+        id; a handshake that its holder repeats changes nothing.
+        """
         if handshake.role != "master":
             return "only a master may open a session"
         if handshake.settings_hash != settings_hash(self._shared):

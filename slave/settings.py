@@ -74,6 +74,9 @@ class SlaveAxisSettings(AxisSettings):
 
     @property
     def bounds(self) -> tuple[Bound, ...]:
+        """Ranges in which the settings of gate and limits protect, some derived from this axis's own limits:
+        key, least, most, reason. Outside them a setting needs `unsafe` with a real stage.
+        """
         limits = self.limits
         v_m_s, a_m_s2 = limits.max_velocity_m_s, limits.max_acceleration_m_s2
         stop_m_s2, silence_s = max(v_m_s / STOP_S, v_m_s**2 / (2 * STOP_M)), min(STOP_S, STOP_M / v_m_s)
@@ -92,7 +95,8 @@ class SlaveAxisSettings(AxisSettings):
         )
 
     def reaction(self, reading_s: float = 2 * TICK_NS * 1e-9) -> Reaction:
-        """Lateness of the force after the setpoint; `reading_s`: of a reading when it is replaced.
+        """Lateness of the force after the setpoint, in s by its parts: from the settings' lags, or from those
+        of the simulated stage and cell. `reading_s`: of a reading when it is replaced.
 
         A servo of critical damping with velocity feed-forward, w its bandwidth, answers a ramp with the
         deviation t exp(-w t): at most exp(-2 w t) of a setpoint does not show, and v / e w comes after it.
@@ -107,7 +111,9 @@ class SlaveAxisSettings(AxisSettings):
 
     @model_validator(mode="after")
     def _written_out(self) -> Self:
-        """Refuses a real stage without what has no default beside it."""
+        """Raises ValueError where the stage is hardware and the file does not name the gripper, the load cell
+        or, of a hardware cell, `filter_lag_s` and `pushes_only`.
+        """
         for place, line in _REQUIRED.items() if self.stage.hardware else ():
             slot, _, key = place.rpartition(".")
             owner = getattr(self, slot) if slot else self
@@ -117,6 +123,9 @@ class SlaveAxisSettings(AxisSettings):
 
     @model_validator(mode="after")
     def _force_limit_is_measurable(self) -> Self:
+        """Raises ValueError where `limits.max_force_n` is above 95 % of the load cell's full scale; an
+        unknown full scale is not judged.
+        """
         place, rated_n = "load_cell.full_scale_n", self.load_cell.rated_n
         if self.load_cell.driver == "simulated":
             place, rated_n = f"simulation.{place}", self.simulation.load_cell.full_scale_n
@@ -132,6 +141,9 @@ class SlaveAxisSettings(AxisSettings):
 
     @model_validator(mode="after")
     def _travel_covers_the_workspace(self) -> Self:
+        """Raises ValueError where `limits.workspace_m` is not within the stage's travel; a stage without one
+        is not judged.
+        """
         if self.stage.travel is None:
             return self
         (low, high), (lowest, highest) = self.limits.workspace_m, self.stage.travel

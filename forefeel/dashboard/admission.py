@@ -36,7 +36,10 @@ class Admission:
         await answer(scope, receive, send)
 
     def _answer(self, asked: HTTPConnection) -> ASGIApp:
-        """The application itself, or the response that refuses or redirects in its place."""
+        """Application to call for a request: the page's own where it is admitted. Else a response: 403 to a
+        page of another site, 401 without token and cookie; a token in the query sets the cookie and
+        redirects.
+        """
         origin = asked.headers.get("origin")
         if origin is not None and origin.partition("://")[2] != asked.headers["host"]:
             return PlainTextResponse(_FOREIGN, 403)

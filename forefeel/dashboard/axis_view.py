@@ -78,7 +78,9 @@ class AxisView:
         self._slip_m = 0.0
 
     def take(self, topic: Topic[Message], message: Message, receive_ns: int) -> None:
-        """Stores a message and adds what it holds to traces, statistics or events."""
+        """Stores a message as the newest of its kind, or as an event, and adds what it holds to traces and
+        statistics; notes when its topic was heard.
+        """
         newest = self.newest
         match message:
             case HapticSample():
@@ -99,7 +101,10 @@ class AxisView:
         newest.heard_ns[topic.name] = receive_ns
 
     def _add_haptics(self, sample: HapticSample, receive_ns: int) -> None:
-        """Draws a sample, unless it is out of order; clears the traces if the master's clock began anew."""
+        """Adds a sample to the traces, unless it is out of order; clears traces, model watch and comparison
+        if the master's clock began anew. Keeps it for the force that answers its command, and the delay of a
+        command that is newly answered.
+        """
         anew = self.timeline.add_stamp(sample.stamp_ns, receive_ns)
         if anew is None:
             return
@@ -122,7 +127,9 @@ class AxisView:
             self.delays.add(receive_ns * 1e-9, sample.delay_s)
 
     def _add_force(self, sample: ForceSample, receive_ns: int) -> None:
-        """Draws readback and valid force; scores the prediction for the command that the force answers."""
+        """Adds readback and valid force to the traces; scores the prediction for the command that the force
+        answers, if that is still kept. Sums up the way of the stage with the gripper open.
+        """
         now_s = self.timeline.now_s(receive_ns)
         t_s = self._place_s(sample, now_s)
         before, self.newest.force = self.newest.force, sample

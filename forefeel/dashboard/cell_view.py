@@ -29,7 +29,9 @@ class CellView:
         self.refused: Counter[str] = Counter()
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        """Decodes a payload of the network for its axis; counts a malformed one."""
+        """Decodes a payload of the network and takes its messages for its axis; counts a malformed one,
+        ignores an unknown key. Of topics in `UNREAD` only the receipt is noted.
+        """
         parsed = parse_key(key)
         if parsed is None:
             return
@@ -46,7 +48,9 @@ class CellView:
             self.take(axis, topic, message, message_ns)
 
     def take(self, axis: str, topic: Topic[Message], message: Message, receive_ns: int) -> None:
-        """Hands a message to the view of its axis; counts it as refused beyond `MOST_AXES` axes."""
+        """Hands a message to the view of its axis, a new one for a new axis; beyond `MOST_AXES` axes only
+        counts it as refused.
+        """
         view = self.axes.get(axis)
         if view is None:
             if len(self.axes) == MOST_AXES:

@@ -69,7 +69,9 @@ class ModelWatch:
         self._outside += outside
 
     def _advance(self, t_s: float) -> None:
-        """Judges the block that has ended, if one has, and goes on to the block of `t_s`."""
+        """Judges the block of 1 s that has ended, if one has, and clears its sums; goes on to the block of
+        `t_s`.
+        """
         block = int(t_s // _BLOCK_S)
         if self._block is not None and block > self._block:
             self._judge(self._block * _BLOCK_S)
@@ -78,7 +80,9 @@ class ModelWatch:
         self._block = block if self._block is None else max(block, self._block)
 
     def _judge(self, start_s: float) -> None:
-        """Updates signs, alarm and usual values with the block from `start_s` on; skips a poor one."""
+        """Updates signs and alarm with the block from `start_s` on; skips one with under 100 forces or no
+        innovation. Takes it into the usual values only with no alarm and no bad block counted.
+        """
         if self._forces < _LEAST_FORCES or not self._innovations:
             return
         rms_n, share = fmean(self._innovations), self._outside / self._forces
@@ -123,6 +127,9 @@ class Comparison:
         self._seconds: deque[tuple[int, list[float]]] = deque(maxlen=COMPARED_S)
 
     def add(self, now_s: float, predicted_n: float, late_n: float, measured_n: float) -> None:
+        """Adds the squared errors of prediction and late force, against the measured one, to the sums of this
+        second; only the last `COMPARED_S` seconds that have any are kept.
+        """
         second = int(now_s)
         if not self._seconds or self._seconds[-1][0] != second:
             self._seconds.append((second, [0.0, 0.0, 0.0]))

@@ -44,7 +44,9 @@ class Endpoint:
         self.tell(scene)
 
     def tell(self, scene: Scene) -> None:
-        """Serves that scene from now on. Raises InputError where its recording can not be read."""
+        """Serves that scene from now on: its recording, or without one the live cell, which forgets what it
+        heard. Raises InputError where the recording can not be read.
+        """
         self._source: LiveCell | Recorded
         self._vessel = scene.vessel
         if scene.recording is not None:
@@ -74,7 +76,9 @@ class Endpoint:
         return len(self._viewers)
 
     async def converse(self, socket: WebSocket) -> None:
-        """Answers a page until it leaves; beyond `MOST_VIEWERS` closes another one for it, or refuses it."""
+        """Answers a page until it leaves; beyond `MOST_VIEWERS` closes the oldest that has asked nothing for
+        it, or refuses it.
+        """
         await socket.accept()
         if len(self._viewers) >= MOST_VIEWERS:
             displaced = next((viewer for viewer, asked in self._viewers.items() if not asked), socket)
@@ -92,7 +96,10 @@ class Endpoint:
             self._viewers.pop(socket, None)
 
     async def _answer(self, socket: WebSocket) -> None:
-        """Sends the facts of the scene, then answers each request; the facts again after a new scene."""
+        """Sends the facts of the scene, then answers each request; the facts again after a new scene. Returns
+        once the page is displaced, or closed for a request that is not understood; WebSocketDisconnect when
+        it leaves.
+        """
         scene, viewer = self.scene, self._source.viewer()
         answer: Answer = {"facts": self.facts()}
         while True:

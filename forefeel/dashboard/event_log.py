@@ -54,6 +54,9 @@ class EventList:
 
 
 def _level(event: Message) -> Level:
+    """Level of an event's line: of a transition by the state it leads to; `bad` for an emergency stop, `off`
+    for an accepted handshake, else `warn`.
+    """
     match event:
         case SafetyEvent() | MasterEvent():
             return _AFTER.get(event.after, "warn")

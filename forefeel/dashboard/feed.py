@@ -29,7 +29,10 @@ class Feed:
         self._due_ns: dict[str, int] = {}
 
     def answer(self, cell: CellView, wanted: str | None, now_ns: int) -> Answer:
-        """Changes since the last answer. `wanted`: an axis; the first stands in for one that is missing."""
+        """Changes since the last answer to this viewer: axes, clock and, of one axis, new points of its
+        traces and the cards that changed; without an axis the former alone. `wanted`: an axis; the first
+        stands in for one that is missing.
+        """
         axis = wanted if wanted in cell.axes else next(iter(cell.axes), None)
         answer: Answer = {"axes": list(cell.axes), "axis": axis, "clock_s": now_ns * 1e-9}
         if axis is None:
@@ -57,7 +60,7 @@ class Feed:
         return [[value if value == value else None for value in row] for row in rows]  # noqa: PLR0124 - NaN
 
     def _cards(self, cell: CellView, view: AxisView, now_ns: int) -> Answer:
-        """Cards that are due and have changed, by name."""
+        """Makes the cards that are due; returns those that have changed since they were sent, by name."""
         made: dict[str, tuple[int, Callable[[], Any]]] = {
             "numbers": (_QUICK_NS, lambda: panels.numbers(view, now_ns)),
             "banner": (_QUICK_NS, lambda: panels.banner(view)),

@@ -54,6 +54,9 @@ def _quiet(view: AxisView, state: Topic[Any], now_ns: int) -> str:
 
 
 def _link(view: AxisView, now_ns: int) -> Light:
+    """Light of the link: `bad` where an end is silent, there is no session or the handle has failed, `warn`
+    for a long round trip, else `good`.
+    """
     quiet = [text for text in (_quiet(view, state, now_ns) for state in (MASTER_STATE, SLAVE_STATE)) if text]
     if quiet:
         return Light("link", "bad", "silent", "; ".join(quiet))
@@ -69,6 +72,9 @@ def _link(view: AxisView, now_ns: int) -> Light:
 
 
 def _lease(view: AxisView, now_ns: int) -> Light:
+    """Light of the lease: `off` without a slave or a holder, `warn` where another master holds it, or one
+    that is not heard here, else `good`.
+    """
     slave, master = view.newest.slave, view.newest.master
     if slave is None or _quiet(view, SLAVE_STATE, now_ns):
         return Light("lease", "off", "unknown", "no slave")
@@ -82,6 +88,9 @@ def _lease(view: AxisView, now_ns: int) -> Light:
 
 
 def _safety(view: AxisView, now_ns: int) -> Light:
+    """Light of the slave's safety state, with its meaning and reason, in READY also the caveats; `off` before
+    the first state, `bad` once that is stale.
+    """
     slave, quiet = view.newest.slave, _quiet(view, SLAVE_STATE, now_ns)
     if slave is None:
         return Light("safety", "off", "unknown", quiet)
@@ -98,6 +107,7 @@ def safety_word(slave: SlaveState) -> str:
 
 
 def _deadman(view: AxisView, now_ns: int) -> Light:
+    """Light of the deadman: `good` while it is pressed, `off` when released, or unknown without a master."""
     master = view.newest.master
     if master is None or _quiet(view, MASTER_STATE, now_ns):
         return Light("deadman", "off", "unknown", "no master")

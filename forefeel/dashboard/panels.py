@@ -53,7 +53,9 @@ _TICK_US = 1000.0  # us, period of a loop at 1 kHz
 
 
 def numbers(view: AxisView, now_ns: int) -> Card:
-    """Large figures: felt, predicted and measured force, delay; `UNKNOWN` or empty where none is fresh."""
+    """Texts of the large figures: felt, predicted and measured force, delay; `UNKNOWN` or empty where none is
+    fresh. Measured is the newest force that the master has; without a master the newest valid one heard here.
+    """
     haptics, force = view.newest.haptics, view.newest.force
     fresh = _fresh(view, HAPTICS.name, now_ns)
     felt = haptics if fresh else None
@@ -106,7 +108,9 @@ def status_lights(view: AxisView, now_ns: int) -> list[Card]:
 
 
 def delay(view: AxisView, now_ns: int) -> Card:
-    """Histogram and quantiles of the round trips of the last minute."""
+    """Histogram and quantiles in ms of the round trips of the last minute; empty lists and a sentence without
+    any.
+    """
     rows = view.delays.rows()
     delays_s = rows[rows[:, 0] > now_ns * 1e-9 - SPAN_S, 1]
     if not len(delays_s):
@@ -125,7 +129,9 @@ def _histogram(delays_s: Floats) -> tuple[list[int], list[float]]:
 
 
 def model(view: AxisView, now_ns: int) -> Card:
-    """Parameters with their uncertainty, what the motion tells apart, and how good the model is."""
+    """Parameters (at most 24) with their uncertainty, what the motion tells apart, how good the model is, and
+    the friction for the vessel; a sentence in their place where nothing was heard.
+    """
     latest = view.newest.model
     if latest is None:
         nothing = "the identification has said nothing yet"
@@ -147,6 +153,9 @@ def model(view: AxisView, now_ns: int) -> Card:
 
 
 def _parameter(name: str, value: float, deviation: float) -> Card:
+    """Row of the table of parameters: label, value and deviation as texts in one prefixed unit, and how well
+    it is known, in a word.
+    """
     label, plain = named(printable(name))
     factor, unit = scale(plain, max(abs(value), deviation))
     return {
@@ -166,7 +175,9 @@ def _known(value: float, deviation: float) -> str:
 
 
 def energy(view: AxisView, now_ns: int) -> Card:
-    """Net energy that the hand has put in; level `warn` where the handle has given more than it took."""
+    """Net energy that the hand has put in, with its lowest; level `warn` where the handle has given more than
+    it took, `off` without a fresh sample.
+    """
     felt = view.newest.haptics
     if felt is None or not _fresh(view, HAPTICS.name, now_ns):
         return {"level": "off", "value": UNKNOWN, "words": "no hand heard"}
@@ -177,7 +188,9 @@ def energy(view: AxisView, now_ns: int) -> Card:
 
 
 def watch(view: AxisView, now_ns: int) -> Card:
-    """Alarm of a wrong model with its worst signs, else the present ones; `since_s`: listener's clock."""
+    """Alarm of a wrong model (`warn`) with its worst signs, else the present ones (`good`, `off` where
+    nothing is known). `since_s`: begin of the alarm on the listener's clock, or None.
+    """
     alarm, now_s = view.watch.alarm, view.timeline.now_s(now_ns)
     if alarm is None:
         signs = view.watch.signs if _fresh(view, PARAMETERS.name, now_ns, _MODEL_S) else Signs()
@@ -204,7 +217,9 @@ def loops(view: AxisView, now_ns: int) -> list[Card]:
 
 
 def _loop(role: str, timing: LoopTiming | None) -> Card:
-    """Lateness of one loop, with a level by the share of missed ticks and p99; None: not heard."""
+    """Card of the lateness of one loop, with a level by the share of missed ticks and p99; None: not heard,
+    `off`.
+    """
     if timing is None:
         return {"who": role, "level": "off", "word": "not heard", "p50": UNKNOWN, "p99": UNKNOWN,
                 "max": UNKNOWN, "missed": UNKNOWN}  # fmt: skip
@@ -223,7 +238,9 @@ def _loop(role: str, timing: LoopTiming | None) -> Card:
 
 
 def counted(view: AxisView, now_ns: int, local: Mapping[str, int] = {}) -> str:
-    """Late, reordered, lost and refused messages by the counters of both ends and `local`; then caveats."""
+    """Text with the numbers of late, reordered, lost and refused messages, by the counters of both ends and
+    `local`; then caveats, then which end is not heard now. Other counters are left out.
+    """
     states = view.newest.slave, view.newest.master
     counters = [local, *(state.counters for state in states if state is not None)]
     sums = dict.fromkeys(_COUNTED, 0)

@@ -68,9 +68,11 @@ def run_dashboard(
     vessel: VesselSettings | None,
     scenes: TextIO | None = None,
 ) -> None:
-    """Shows a live cell until SIGINT, SIGTERM or SIGHUP.
+    """Serves the page of a live cell, with its stop button, until SIGINT, SIGTERM or SIGHUP, which end the
+    process at once. Lowers the process's priority; `opens`: in a browser.
 
-    `scenes`: lines of JSON, each a `Scene`; the newest is shown.
+    `scenes`: lines of JSON, each a `Scene`; the newest is shown. Then it also returns once they have ended
+    and nobody looks, unless the last one stays.
 
     Raises:
         InputError: an endpoint, a certificate or the port can not be used.
@@ -104,7 +106,8 @@ def run_dashboard(
 
 
 def run_view(file: Path, address: str, port: int, opens: bool, vessel: VesselSettings | None) -> None:
-    """Shows a recording until SIGINT, SIGTERM or SIGHUP, and the results that lie beside it.
+    """Serves the page of a recording, and the results that lie beside it, until SIGINT, SIGTERM or SIGHUP,
+    which end the process at once. Lowers the process's priority; `opens`: in a browser.
 
     Raises:
         InputError: the file or the port can not be used.
@@ -142,7 +145,9 @@ class StopButton:
         self.hear = self._stopper.hear
 
     async def press(self, asked: Request) -> JSONResponse:
-        """Repeats the stop until every axis acknowledges it, 2 s at most; answers with those that do not."""
+        """Sends the stop to every axis, again and again, until each is in ESTOPPED, 2 s at most. Answers with
+        JSON: `running`, the axes that are not, and `heard`, true if any axis was heard.
+        """
         stopper = self._stopper
         stopper.reason = f"page, from {asked.client.host if asked.client else 'unknown'}"
         for _ in range(round(FOR_S / EVERY_S)):
@@ -170,7 +175,9 @@ class Connection(H11Protocol):
         return self.cycle is None or self.cycle.response_complete
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Takes a connection; closes the one that gives way where there are too many, and says so."""
+        """Takes a connection; where there are too many closes the oldest silent one, else the oldest, and
+        says so once a minute at most. Gives the application `state.abort`.
+        """
         self.since_s = self.loop.time()
         oldest = displaced([peer for peer in self.connections if isinstance(peer, Connection)])
         if oldest is not None:
@@ -258,7 +265,7 @@ def _serve(
 
 
 async def _until(server: _Server, listening: socket.socket, ends: Coroutine[Any, Any, None]) -> None:
-    """Runs the server until it or `ends` has ended; raises the error of either."""
+    """Runs the server until it or `ends` has ended, then ends the server; raises the error of either."""
     serving, ending = asyncio.create_task(server.serve([listening])), asyncio.create_task(ends)
     await asyncio.wait((serving, ending), return_when=asyncio.FIRST_COMPLETED)
     server.should_exit = True
@@ -276,7 +283,9 @@ async def _failure(failed: Sequence[Exception], look: Callable[[], object] = lam
 
 
 async def _follow(endpoint: Endpoint, lines: TextIO) -> None:
-    """Shows each scene that comes; returns once no page was open for 10 s, unless the last one stays."""
+    """Shows each scene of `lines`, a pipe of JSON, as it comes; after the last returns once no page was open
+    for 10 s, never where that scene stays.
+    """
     reader = asyncio.StreamReader()
     loop = asyncio.get_running_loop()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), lines)

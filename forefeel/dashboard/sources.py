@@ -64,7 +64,9 @@ class LiveCell:
         return {"cell": self._name, "file": None}
 
     def viewer(self) -> Viewer:
-        """Function that answers one page from the newest state of the cell."""
+        """Makes a function that answers one page with what is new to it in the cell, and with a silence, if
+        there is one.
+        """
         feed = Feed()
 
         def answer(ask: Ask) -> Answer:
@@ -75,7 +77,9 @@ class LiveCell:
         return answer
 
     def _silence(self, now_ns: int) -> dict[str, Any] | None:
-        """Length and place of a silence of more than 2 s, for the page; None while something is heard."""
+        """Data for the page on a silence of more than 2 s: word, length, begin, endpoints with the cause;
+        None while something is heard.
+        """
         heard_ns = self._cell.heard_ns
         quiet_s = silent_s(heard_ns, now_ns, self._since_ns)
         if quiet_s is None:
@@ -101,7 +105,9 @@ class Recorded:
         return {"cell": spans.cell, "file": spans.path.name, "duration_s": duration_s, "zero_s": zero_s}
 
     def viewer(self) -> Viewer:
-        """Function that answers one page from its own place in the recording; a damaged place is silence."""
+        """Makes a function that answers one page from its own place in the recording; a damaged place is told
+        as a silence, not raised.
+        """
         replay, feed = ReplayClock(self._spans), Feed()
 
         def answer(ask: Ask) -> Answer:
@@ -126,7 +132,8 @@ class ReplayClock:
         self._until_ns: int | None = None
 
     def go_to(self, at_s: float, window_s: float) -> int:
-        """Brings `cell` to its state at `at_s` of the recording; returns that time in ns.
+        """Brings `cell` to its state at `at_s` of the recording, or at its nearest end; returns that time in
+        ns. `window_s`: shown before it, so that at least so much is read.
 
         Raises:
             RecordingError: the file is damaged there.

@@ -25,7 +25,9 @@ class Timeline:
         self._order = StampOrder(backwards=True)
 
     def add_stamp(self, stamp_ns: int, receive_ns: int) -> bool | None:
-        """Updates the clocks' difference. True: time begins anew with the stamp; None: it is out of order."""
+        """Updates the clocks' difference. True: time begins anew with the stamp, and `epoch` grows; False: it
+        goes on; None: the stamp is out of order and not used.
+        """
         if self._order.judge(stamp_ns, receive_ns) != "newer":
             return None
         transit_ns, base_ns = receive_ns - stamp_ns, self._base_ns(receive_ns)

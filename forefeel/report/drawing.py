@@ -95,7 +95,9 @@ def panel(title: str, y: Range | None = None, **more: object) -> Layer:
 
 
 def spec(panels: Sequence[Layer], ends: tuple[float, float] | None = None, **x: object) -> Layer:
-    """Canvas of panels, rounded for JSON. `ends` of x, else those of the layers; `x`: label, unit, log."""
+    """Canvas as plain data for JSON: panels, their rows rounded, on one axis of x. `ends` of x, else those of
+    the layers, else 0 to 1; `x`: what else the axis has: label, unit, log.
+    """
     columns = [layer["rows"][:, 0] for of in panels for kind in _LAYERS for layer in of.get(kind, ())]
     low, high = ends or _ends(np.concatenate([np.empty(0), *columns]), 0.0) or (0.0, 1.0)
     high = high if high > low else low + 1.0
@@ -107,7 +109,8 @@ def spec(panels: Sequence[Layer], ends: tuple[float, float] | None = None, **x: 
 def limits(
     *traces: Floats, beside: Floats | None = None, trim: float = 0.0, zero: bool = False
 ) -> Range | None:
-    """Limits of y that hold the traces; `beside` too, but by two spans of the others at most.
+    """Limits of y, rounded, that hold the traces with a margin of 6 %; `beside` too, but by two spans of the
+    others at most.
 
     Each trace's lowest and highest values, a share `trim`, do not count. `zero`: it is in the picture. None:
     there is no value.
@@ -126,10 +129,11 @@ def limits(
 
 
 def thin(x: Floats, gap: float, *columns: Floats) -> Floats:
-    """Rows of x and the columns, about 2 BINS at most, that keep every peak.
+    """Rows of x and the columns, in the order of x; where they are more than 2 BINS, only the extremes of
+    each of BINS bins.
 
-    The first of two columns keeps its lowest values, the second its highest. NaN breaks a line, and so does
-    a pause over `gap`.
+    Of one column each bin keeps the lowest and the highest value, of two the first's lowest and the second's
+    highest. NaN breaks a line; a row of NaN is added at a pause over `gap`.
     """
     order = np.argsort(x, kind="stable")
     x, values = x[order], np.column_stack(columns)[order]
@@ -155,7 +159,9 @@ def binned(
 
 
 def _binned(x: Floats, bins: int) -> list[NDArray[np.intp]]:
-    """The rows of each bin that has some; half of the edges at equal counts, half at equal distances."""
+    """Rows of each bin that has some, as indices into x, bins by ascending x; half of the edges at equal
+    counts, half at equal distances. Empty without values.
+    """
     if not len(x):
         return []
     inner = np.linspace(0.0, 1.0, bins // 2 + 1)[1:-1]
@@ -183,7 +189,9 @@ def _rounded(of: Layer, x_places: int | None) -> Layer:
 
 
 def _rows(rows: Floats, x_places: int | None, y: Range) -> list[tuple[float | None, ...]]:
-    """Rounded rows for JSON, None for NaN; values far outside of `y` are clipped."""
+    """Rounded rows as tuples for JSON, None for NaN. Values further than one span beyond the limits in `y`
+    are clipped; without limits their own ends stand for them. `x_places`: decimals of x, None: four digits.
+    """
     values = rows[:, 1:]
     low, high = (y["min"], y["max"]) if "min" in y else _ends(values.ravel(), 0.0) or (0.0, 1.0)
     values = values.clip(2 * low - high, 2 * high - low)

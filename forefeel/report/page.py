@@ -77,7 +77,8 @@ def write_report(run_path: Path, out_dir: Path) -> RunReport:
 
 
 def run_report(recording: Path, out: Path, overwrite: bool) -> None:
-    """Reads the recording, writes report.json and report.html, prints the ten lines.
+    """Writes report.json and report.html of a recording into `out`, prints the ten lines, and suggests the
+    next command. `overwrite`: an earlier report there is replaced, else it is refused.
 
     Raises:
         InputError: the recording or the folder can not be used; nothing was written.
@@ -105,6 +106,9 @@ def make_pages(run: Run) -> tuple[RunReport, Mapping[str, str]]:
 
 
 def render_page(report: RunReport, run: Run) -> str:
+    """HTML of the report: its texts, and of each axis the figures of vessel, force and parameters, from its
+    traces.
+    """
     traces = {axis: axis_traces(run, axis) for axis in run.axes}
     return render(
         "report/page.html.j2",
@@ -122,7 +126,10 @@ def render_page(report: RunReport, run: Run) -> str:
 
 
 def still(run: Run, axis: str, traces: AxisTraces) -> Figure | None:
-    """The vessel when the late force was furthest from the measured; None: no vessel, or tip not known."""
+    """Figure of the vessel when the late force was furthest from the measured one of the same command. None
+    where the recording names no vessel of this axis, the gripper was opened in the run, or no command was
+    scored.
+    """
     vessel, of, known = of_recording(run.metadata), traces.commands, traces.parameters
     rows = np.flatnonzero(scored(of.predicted_n, of.zoh_n, of.force_n))
     # what was gripped anew is inserted by another length
@@ -154,7 +161,9 @@ def still(run: Run, axis: str, traces: AxisTraces) -> Figure | None:
 
 
 def picture(traces: AxisTraces) -> Figure | None:
-    """Force, felt force, position and safety state along time; None where there is none of them."""
+    """Figure of force, felt force, position and safety state along time, a panel for each that was recorded;
+    None where there is none of them.
+    """
     of, panels = traces.commands, []
     if len(of.time_s):
         near = limits(of.zoh_n, of.force_n, beside=of.predicted_n, trim=_TRIM)
@@ -197,6 +206,9 @@ def _along_time(traces: AxisTraces, panels: list[Layer]) -> Layer:
 
 
 def _spans(traces: AxisTraces) -> list[Layer]:
+    """Spans of the slave's safety state for chart.js, coloured, in s since the start; `silent` where it is
+    unknown.
+    """
     return [
         {
             "name": of.state or "silent",
@@ -210,6 +222,9 @@ def _spans(traces: AxisTraces) -> list[Layer]:
 
 
 def parameters(traces: AxisTraces) -> Figure | None:
+    """Figure of the identified parameters along time, a canvas for each of the first 24; None where there are
+    none.
+    """
     known = traces.parameters
     if known is None:
         return None
@@ -222,7 +237,9 @@ def parameters(traces: AxisTraces) -> Figure | None:
 
 
 def _parameter(traces: AxisTraces, known: ParameterTraces, index: int) -> Layer:
-    """One parameter along time with its band; y holds all but the first quarter."""
+    """Canvas of the parameter at `index` along time, in a prefixed unit, with a band of two standard
+    deviations; the limits of y hold all but the first quarter.
+    """
     label, plain = named(known.names[index])
     known_s, later = known.time_s, slice(len(known.time_s) // 4, None)
     factor, unit = scale(plain, float(np.abs(known.values[later, index]).max()))
@@ -238,7 +255,9 @@ def _parameter(traces: AxisTraces, known: ParameterTraces, index: int) -> Layer:
 
 
 def story(part: AxisReport) -> tuple[str, list[str]]:
-    """Headline on the error of the felt or predicted force beside the late one's, and sentences of detail."""
+    """Headline on the error of the felt force (of the predicted one without a simulated world) beside the
+    late one's, and sentences of detail; none, and a headline that says so, where no force was judged.
+    """
     felt, scored_n = part.transparency, part.commands.scored
     if felt is None and not scored_n:
         return "Nothing was judged: there is no force to compare with.", []
@@ -276,7 +295,9 @@ def refused(counters: Mapping[str, int]) -> str:
 
 
 def injected(counters: Mapping[str, int]) -> str:
-    """Messages that the injected impairment dropped, duplicated or delayed, after a semicolon; or nothing."""
+    """Text on the messages that the injected impairment dropped, duplicated or delayed, begun by a semicolon;
+    empty where there are none.
+    """
 
     def total(what: str) -> int:
         return sum(
@@ -288,7 +309,9 @@ def injected(counters: Mapping[str, int]) -> str:
 
 
 def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
-    """Ten lines of fewer than 100 characters each. `directory`: where the files were written."""
+    """Summary of a run in ten lines of fewer than 100 characters each; longer ones are cut, unprintable
+    characters replaced. `directory`: where the files were written.
+    """
     where = f" in {directory}" if directory else ""
     ended = ", cut short" if report.truncated else ""
     limited = sum(report.counters.get(f"limit_{rule}", 0) for rule in MOTION_RULES)
@@ -332,6 +355,9 @@ def _error_text(size: ErrorSize, late: ErrorSize, times: float | None) -> str:
 
 
 def _loops_text(loops: Loops) -> str:
+    """Text on lateness (p50, p99) and missed ticks of both loops; where neither was ever late, that time is
+    virtual.
+    """
     if loops.master.max_us == 0.0 == loops.slave.max_us:
         return "in virtual time: no lateness"
     of = {"master": loops.master, "slave": loops.slave}

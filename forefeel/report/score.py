@@ -42,7 +42,7 @@ def first_answers(
     answer_ids: tuple[NDArray[Any], NDArray[Any]],
     answer_stamp_ns: NDArray[Any],
 ) -> Indices:
-    """For each command the index of the force that answers it first by the slave's stamps; -1: none does.
+    """Index, for each command, of the force that answers it first by the slave's stamps; -1: none does.
 
     Args:
         command_ids: (session ids, sequences) of n commands.
@@ -72,8 +72,8 @@ def _codes(session_id: NDArray[Any], sequence: NDArray[Any]) -> Indices:
 
 
 def stretches(answers_sequence: Floats, stamp_ns: NDArray[Any]) -> Indices:
-    """For each force the number of the stretch of time, without a stop, in which it was measured; -1: while
-    the slave followed no command.
+    """Number, for each force, of the stretch of time, without a stop, in which it was measured, counted from
+    1 in the order of the stamps; -1: while the slave followed no command.
 
     Args:
         answers_sequence: of the command that each force answers, NaN for none.

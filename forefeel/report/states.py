@@ -20,10 +20,10 @@ class Span:
 
 
 def spans(reports: Iterable[tuple[int, SafetyState]], end_ns: int, stale_ns: int) -> list[Span]:
-    """The states as spans without gaps, from the first report to `end_ns`.
+    """Spans of the states without gaps, from the first report to `end_ns`; equal neighbours are joined.
 
-    A state lasts until the next report, for `stale_ns` at most: a slave that was killed while armed is
-    not armed any more.
+    A state lasts until the next report, for `stale_ns` at most, and is None from then on: a slave that was
+    killed while armed is not armed any more.
     """
     joined: list[Span] = []
     pieces = list(reports)

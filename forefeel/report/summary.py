@@ -51,7 +51,8 @@ _HEADER = {"protocol", "session_id", "sequence", "stamp_ns"}  # of every message
 
 
 def summarise(run: Run) -> RunReport:
-    """The report of a run; whatever is missing in it, there is a report.
+    """Works out the report of a run: its own fields, those of its first axis, and every axis in `axes`. What
+    was not recorded is None or empty, and mostly noted.
 
     Raises:
         RecordingError: a message in the run is not what its topic carries.
@@ -85,6 +86,7 @@ def _loop(run: Run, topic: Topic[LoopTiming]) -> LoopFigures:
 
 
 def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
+    """Report of one axis, worked out from its traces and messages; what was not recorded is None or empty."""
     commands = _scored_commands(traces.commands)
     slave = last(run.messages(axis, SLAVE_STATE))
     overall, settled = _compare(traces.commands)
@@ -117,7 +119,9 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
 
 
 def _compare(commands: CommandTraces) -> tuple[PredictionComparison, PredictionComparison]:
-    """Comparisons over all scored commands, and over those from SETTLING_S after the first."""
+    """Comparisons over all scored commands, and over those from SETTLING_S after the first; both empty where
+    none was scored.
+    """
     forces = commands.predicted_n, commands.zoh_n, commands.force_n
     rows = np.flatnonzero(scored(*forces))
     if not len(rows):
@@ -127,7 +131,9 @@ def _compare(commands: CommandTraces) -> tuple[PredictionComparison, PredictionC
 
 
 def _predictor(run: Run, axis: str, commands: CommandTraces) -> PredictorFigures:
-    """Coverage and width of the band, shares of the leading experts; empty where no force meets a band."""
+    """Coverage and mean width of the band over the commands with band and force, and shares of the leading
+    experts; all empty where no force meets a band.
+    """
     leading = Counter(message.leading for message in run.messages(axis, HAPTICS) if message.leading)
     rows = np.isfinite(commands.low_n) & np.isfinite(commands.high_n) & np.isfinite(commands.force_n)
     if not rows.any():
@@ -141,6 +147,9 @@ def _predictor(run: Run, axis: str, commands: CommandTraces) -> PredictorFigures
 
 
 def _scored_commands(commands: CommandTraces) -> ScoredCommands:
+    """Numbers of commands that were sent, answered by a valid force, and scored; of the others by reason, see
+    `ScoredCommands`.
+    """
     answered, executed, followed = np.isfinite(commands.force_n), commands.executed, commands.followed
     both = scored(commands.predicted_n, commands.zoh_n, commands.force_n)
     reasons = {
@@ -165,7 +174,9 @@ def _clutched_s(run: Run, axis: str, end_ns: int) -> float:
 
 
 def _silent_master(run: Run, axis: str, traces: AxisTraces) -> tuple[str, ...]:
-    """Note that the master fell silent with the deadman held, killed or cut off; empty otherwise."""
+    """Note that the master fell silent with the deadman held, killed or cut off, 1 s or more before the end
+    of the recording; empty otherwise.
+    """
     state = last(run.messages(axis, MASTER_STATE))
     end_s = (traces.session_end_ns - traces.start_ns) * 1e-9
     if state is None or not state.deadman or traces.duration_s - end_s < _SILENT_S:
@@ -212,7 +223,9 @@ def _calibrations(run: Run, axis: str) -> tuple[dict[str, str | float], ...]:
 
 
 def _notes(run: Run, axis: str, commands: ScoredCommands, handshake: Handshake | None) -> tuple[str, ...]:
-    """Notes for the reader: missing ends, caveats, why nothing was judged, a refused session, a cut end."""
+    """Notes for the reader: an end without messages, caveats, why nothing was judged, a refused session,
+    units of a rotation, a cut end; empty where there are none.
+    """
     notes = []
     for role in "master", "slave":
         topics: list[Topic[Any]] = [t for t in RECORDED if t.publisher == role]

@@ -18,7 +18,10 @@ _EXPORT = re.compile(r"^export (?:const|function|class) (\w+)", re.MULTILINE)
 
 
 def environment() -> Environment:
-    """Environment of all pages; finds templates by their path here, such as `report/page.html.j2`."""
+    """Jinja environment of all pages, a new one at each call: escapes values, raises for undefined ones, and
+    finds templates by their path in the package, such as `report/page.html.j2`. Its globals word numbers and
+    insert styles and modules of the live page.
+    """
     made = Environment(
         loader=PackageLoader("forefeel", "."),
         autoescape=True,

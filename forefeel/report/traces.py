@@ -93,7 +93,8 @@ def run_span_ns(run: Run) -> tuple[int, int]:
 
 
 def sent_ns(run: Run, axis: str, topic: Topic[Any]) -> NDArray[np.int64]:
-    """Time in ns at which each message of a topic was sent, on the recorder's clock.
+    """Time in ns at which each message of a topic was sent, on the recorder's clock: its stamp and the
+    topic's least transit (the second least, for one may be stamped ahead). Empty without messages.
 
     The time of receipt, if the sender's clock jumped: its host was started again.
     """
@@ -119,7 +120,8 @@ def _jumped(stamps_ns: NDArray[np.int64], transit_ns: NDArray[np.int64]) -> bool
 
 
 def axis_traces(run: Run, axis: str) -> AxisTraces:
-    """Reads the traces of one axis.
+    """Reads the traces of one axis: commands with the forces that answer them, ages, delays, readback, safety
+    states, parameters; times in s since the run's first message.
 
     Raises:
         RecordingError: a message in the run is not what its topic carries.
@@ -140,7 +142,9 @@ def axis_traces(run: Run, axis: str) -> AxisTraces:
 
 
 def _commands(run: Run, axis: str, start_ns: int) -> CommandTraces:
-    """Commands of the master's samples, each with the first valid force that answers it."""
+    """Traces of the commands, a row for each of the master's samples, with the first valid force that answers
+    it or NaN. For `executed` and `followed` invalid answers count, too.
+    """
     valid = run.column(axis, FORCE, "valid").astype(bool)
     index, any_index = _answers(run, axis, valid), _answers(run, axis, np.ones_like(valid))
     force_n = np.append(_floats(run, axis, FORCE, "force_n"), np.nan)[index]  # -1: the NaN
@@ -156,7 +160,9 @@ def _commands(run: Run, axis: str, start_ns: int) -> CommandTraces:
 
 
 def _answers(run: Run, axis: str, counted: Flags) -> NDArray[np.int64]:
-    """For each command the row of the force that answers it first, of those that are counted; -1: none."""
+    """Row, for each command, of the force that answers it first, among those marked in `counted`; -1: none
+    does.
+    """
     answers = run.column(axis, FORCE, "answers_sequence")
     rows = np.flatnonzero(counted & ~np.isnan(answers))
     index = first_answers(
@@ -184,7 +190,9 @@ def _states(run: Run, axis: str, end_ns: int) -> list[Span]:
 
 
 def _session_end_ns(run: Run, axis: str, end_ns: int) -> int:
-    """End of the last session; end of the recording where no master was recorded."""
+    """End of the last session in ns, on the recorder's clock; `end_ns` where no master was recorded. A failed
+    handle counts like a held deadman.
+    """
     reports = [*zip(sent_ns(run, axis, MASTER_STATE).tolist(), run.messages(axis, MASTER_STATE), strict=True)]
     if not reports:
         return end_ns

@@ -60,7 +60,9 @@ class Twin:
         self._force_n = 0.0
 
     def force_n(self, command: MotionCommand) -> float:
-        """Moves the twin by a command; returns the force in N that answers it, a tick after it arrives."""
+        """Moves the twin by a command, in the order of the stamps; returns the force in N that answers it, a
+        tick after it arrives. Without the deadman the setpoint jumps to the command's position.
+        """
         arrived_ns = command.stamp_ns + self._ahead_ns
         dt_s = min(max((arrived_ns - self._previous_ns) * 1e-9, 1e-6), _MAX_STEP_S)
         self._previous_ns = arrived_ns
@@ -78,7 +80,9 @@ class Twin:
 
 
 def transparency(felt_n: Floats, held_n: Floats, true_n: Floats) -> Transparency:
-    """Scores felt and held force against the true one, over the rows that have all three."""
+    """Scores felt and held force against the true one, all in N at the hand, over the rows that have all
+    three; an empty `Transparency` where none has.
+    """
     compared = compare(felt_n, held_n, true_n)
     if not compared.commands:
         return Transparency()
@@ -90,7 +94,9 @@ def transparency(felt_n: Floats, held_n: Floats, true_n: Floats) -> Transparency
 
 
 def run_transparency(run: Run, axis: str, commands: CommandTraces) -> Transparency | None:
-    """Transparency of one axis; None where the simulated world was not recorded, or nothing was followed."""
+    """Transparency of one axis; None where no simulated world of this axis was recorded, or no command was
+    followed.
+    """
     of_run = run.metadata.get("run", {})
     try:
         settings = SlaveAxisSettings.model_validate_json(of_run["slave_axis"])
@@ -104,7 +110,9 @@ def run_transparency(run: Run, axis: str, commands: CommandTraces) -> Transparen
 
 
 def _true_n(run: Run, axis: str, settings: SlaveAxisSettings) -> Floats:
-    """The twin's force for each row of the commands' traces; NaN where the command was not recorded."""
+    """Force of the twin in N for each row of the commands' traces, the recorded commands played to it in
+    order; NaN where the command was not recorded.
+    """
     stamp_ns, sequence = (run.column(axis, FORCE, name) for name in ("stamp_ns", "sequence"))
     # a force is sent in each tick, the first when the world begins
     start_ns = int(stamp_ns[0]) - int(sequence[0] - 1) * _TICK_NS

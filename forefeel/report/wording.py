@@ -95,7 +95,9 @@ def named(parameter: str) -> tuple[str, str]:
 
 
 def scale(unit: str, largest: float) -> tuple[float, str]:
-    """(factor, unit with prefix) so that `largest` reads between 1 and 1000 where a prefix can do that."""
+    """Factor, and unit with prefix, so that `largest` reads between 1 and 1000 where a prefix can do that;
+    factor 1 for a unit that takes none, or where `largest` is not finite.
+    """
     prefixed = {p: f"{word}{shown_unit(unit)}" for p, word in PREFIXES.items()}
     known = {p: shown_unit(word) for p, word in _MASSES.items()} if unit == "kg" else prefixed
     if (unit not in _PREFIXED and unit != "kg") or not isfinite(largest):
@@ -116,7 +118,9 @@ def shown(name: str, interval: "Interval") -> Shown:
 
 
 def plain_value(name: str, value: float) -> str:
-    """Text of a parameter without interval, such as `20 g`."""
+    """Text of a parameter without interval, such as `20 g`; its unit is that at the end of `name`, with a
+    prefix.
+    """
     unit = split_unit(name)[1]
     factor, prefixed = scale(unit, value)
     text = _fixed(factor * value, _places(factor * value, 0.0))
@@ -135,6 +139,9 @@ def _places(value: float, width: float) -> int:
 
 
 def _fixed(value: float, places: int) -> str:
+    """Text of a number with `places` behind the point, rounded to tens and more where negative; three digits
+    below 1e-4 and from 1e6 on; `unknown` where it is not finite.
+    """
     if not isfinite(value):
         return "unknown"
     rounded = round(value, places) + 0.0  # no minus zero

@@ -74,7 +74,9 @@ class Curves:
 
     @classmethod
     def of(cls, analysis: Analysis, given: ContactModel | None) -> "Curves":
-        """Motion, measured force, and the forces of simulation and extended model, on the coarse grid."""
+        """Makes the curves: motion, measured force, and the forces of simulation and extended model, on the
+        coarse grid. `given`: the simulation; None: the fitted mass, damper, spring and bias.
+        """
         regression = analysis.regression
         signals, motion = regression.signals, regression.motion({})
         x, v = (np.interp(signals.t, signals.fine_t, fine) for fine in (motion.x, motion.v))
@@ -93,7 +95,9 @@ def share_of(regression: RecordingRegression, fit: ModelFit, name: str) -> Float
 
 
 def response(regression: RecordingRegression, fit: ModelFit, name: str) -> tuple[Floats, Floats]:
-    """(Hz, measured force over that of the model without `name`), where their coherence is high."""
+    """Frequencies in Hz, and measured force over that of the model without `name`, complex, where their
+    coherence is above 0.8; on the longest piece without gaps. Causes in the readings are taken out of both.
+    """
     rest = {other: shape for other, shape in fit.model.items() if other != name}
     signals = regression.signals
     piece = max(signals.piecewise(fine=False), key=lambda p: p.stop - p.start)
@@ -111,8 +115,8 @@ def response(regression: RecordingRegression, fit: ModelFit, name: str) -> tuple
 
 
 def strokes(curves: Curves, least_m: float | None = None) -> tuple[Floats, Floats]:
-    """(direction, distance in m since the last reversal); a way back of up to `least_m` is no reversal, by
-    default a fiftieth of the range.
+    """Direction (1, -1) and distance in m since the last reversal; a way back of up to `least_m` is no
+    reversal, by default a fiftieth of the range.
 
     Both on the coarse grid; 0 before the first reversal of a stretch without gaps.
     """
@@ -128,7 +132,9 @@ def strokes(curves: Curves, least_m: float | None = None) -> tuple[Floats, Float
 
 
 def density(signals: Signals, values: Floats, longest_s: float = 8.0) -> tuple[Floats, Floats]:
-    """(Hz, amplitude density in N/sqrt(Hz)) of the longest stretch without gaps, within the pass-band."""
+    """Frequencies in Hz and amplitude density in N/sqrt(Hz) of the longest stretch without gaps, within the
+    pass-band. Samples that do not count are taken as 0; `longest_s`: of a segment that is averaged.
+    """
     piece = max(signals.piecewise(fine=False), key=lambda p: p.stop - p.start)
     rate = signals.coarse_rate_hz
     used = np.where(signals.rows[piece], values[piece], 0.0)

@@ -37,7 +37,9 @@ class Summary:
     failed: dict[str, str] = field(default_factory=dict)
 
     def to_json(self) -> str:
-        """Text of summary.json; the whole diagnosis of each recording is beside it."""
+        """Text of summary.json: each diagnosis in brief, by stem, and why files were skipped or failed; the
+        whole diagnosis of each recording is beside it.
+        """
         recordings = {stem: _brief(diagnosis) for stem, diagnosis in sorted(self.diagnosed.items())}
         document = {
             "schema": SCHEMA,
@@ -49,7 +51,9 @@ class Summary:
 
 
 def run_folder(task: Task, out: Path, jobs: int, scheduler: str | None, overwrite: bool) -> None:
-    """Diagnoses every recording in the folder `task.file` into `out`/<stem>/, and prints the summary.
+    """Diagnoses every recording in the folder `task.file`, `jobs` at a time, into `out`/<stem>/; writes
+    summary.json, prints it in words and suggests the next command. Skipped and failed ones are entered there
+    with the reason.
 
     Raises:
         InputError: no recording in the folder, or none that can be diagnosed.
@@ -77,7 +81,9 @@ def run_folder(task: Task, out: Path, jobs: int, scheduler: str | None, overwrit
 
 
 def _free(files: Iterable[Path], out: Path, overwrite: bool, summary: Summary) -> Iterator[Path]:
-    """Files whose results have a place; enters the others in the summary as skipped, and says so."""
+    """Yields the files whose results have a place. One of the same stem as an earlier file, or whose folder
+    holds an earlier diagnosis without `overwrite`, is entered in the summary as skipped, and said.
+    """
     taken: dict[str, Path] = {}
     for file in files:
         folder = out / file.stem
@@ -98,7 +104,9 @@ def _skip(file: Path, reason: str, summary: Summary) -> None:
 
 
 def _enter(outcome: TaskOutcome, out: Path, overwrite: bool, summary: Summary, written: list[str]) -> None:
-    """Saves the results and enters the outcome in the summary; says what failed or was skipped."""
+    """Writes the results of an outcome into `out`/<stem>/ and enters it in the summary; says what failed or
+    was skipped. A folder that can not be used is skipped, too. Adds the folder's name to `written`.
+    """
     file = outcome.task.file
     if outcome.result is None:
         if outcome.failed is not None:
@@ -133,7 +141,7 @@ def save(folder: Path, result: Result, written: list[str]) -> None:
 
 
 def _with_progress(outcomes: Iterable[TaskOutcome], total: int, name: str) -> Iterator[TaskOutcome]:
-    """Passes the outcomes on, with a bar on a terminal and a line for each recording that is done."""
+    """Yields the outcomes as they come, with a bar on a terminal and a line for each that has a result."""
     with bar(total) as show:
         show(0, name)
         for number, outcome in enumerate(outcomes, 1):
@@ -144,6 +152,9 @@ def _with_progress(outcomes: Iterable[TaskOutcome], total: int, name: str) -> It
 
 
 def _brief(diagnosis: Diagnosis) -> dict[str, object]:
+    """Diagnosis in brief for summary.json: verdict, names of causes and rivals, flags, noise and errors held
+    out.
+    """
     return {
         "verdict": diagnosis.verdict,
         "causes": [cause.name for cause in diagnosis.causes],
@@ -155,7 +166,7 @@ def _brief(diagnosis: Diagnosis) -> dict[str, object]:
 
 
 def _in_words(summary: Summary, out: Path) -> Iterator[RenderableType]:
-    """Table, counts and disclaimer for the terminal."""
+    """Yields the table, where anything was diagnosed, the counts and the disclaimer, for the terminal."""
     if summary.diagnosed:
         yield _table(summary)
     count = len(summary.diagnosed)
@@ -166,6 +177,9 @@ def _in_words(summary: Summary, out: Path) -> Iterator[RenderableType]:
 
 
 def _table(summary: Summary) -> Table:
+    """Table of the diagnosed recordings, by stem: verdict and causes, rms errors of simulation and extended
+    model, noise; as angles or torques where a recording has these.
+    """
     numbers = "simulation off by", "extended", "noise"
     made = table("recording", "verdict", *numbers, right=numbers)
     for stem, diagnosis in sorted(summary.diagnosed.items()):

@@ -31,7 +31,9 @@ def render_page(
     across: Across | str | None,
     given: ContactModel | None = None,
 ) -> str:
-    """HTML page of a diagnosis; a figure that fails is one line in its place."""
+    """HTML page of a diagnosis; a figure that fails is one line in its place. `across`: the prediction, None,
+    or why it failed; `given`: the simulation, None: the fitted one.
+    """
     diagnosis, curves = diagnosed.diagnosis, Curves.of(diagnosed.analysis, given)
     predicted = across if isinstance(across, Across) else None
     causes = {cause.name: cause for cause in diagnosis.causes}
@@ -72,7 +74,10 @@ def _draw(draw: Callable[[], Figure]) -> Figure:
 
 
 def worst_stretch(curves: Curves, length_s: float = _WORST_S) -> tuple[float, float]:
-    """Begin and end, in s since the start, of the stretch in which the simulation errs most."""
+    """Begin and end, in s since the start, of the slot of `length_s` in which the simulation has the largest
+    mean square error. Slots lie end to end from the first row; one with half the rows of the fullest or fewer
+    does not count.
+    """
     t, error = curves.t[curves.rows], curves.before[curves.rows] ** 2
     stretch = np.floor((t - t[0]) / length_s).astype(np.int64)
     total = np.bincount(stretch, error)
@@ -83,7 +88,9 @@ def worst_stretch(curves: Curves, length_s: float = _WORST_S) -> tuple[float, fl
 
 
 def _worst(curves: Curves, diagnosis: Diagnosis) -> Figure:
-    """The force where the simulation errs most, and what is left of it."""
+    """Figure of measured, simulated and extended force in the 5 s where the simulation errs most, and below
+    of what is left there.
+    """
     start, end = worst_stretch(curves)
     t = curves.t[curves.rows]
     rows = curves.rows[(t >= start) & (t <= end)]
@@ -112,7 +119,9 @@ def _over_time(curves: Curves, diagnosis: Diagnosis) -> Figure:
 
 
 def _over_motion(curves: Curves, _: Diagnosis) -> Figure:
-    """Residuals over position, speed, and distance since reversal with the sign of the direction."""
+    """Figure of the residuals, in three canvases: over position, speed, and distance since reversal with the
+    sign of the direction.
+    """
     rows, (direction, since) = curves.rows, strokes(curves)
     residual, specs = AxisUnit("left", "N", curves.before[curves.rows]), []
     y = near(residual, *(all_n[rows] for _, _, all_n in curves.left))
@@ -141,7 +150,7 @@ _LEFT_OVER = _over_time, _over_motion, _spectrum
 
 
 def _look(curves: Curves, look: Look) -> Figure:
-    """Force of the strokes over the position, as measured and by two plain regressions."""
+    """Figure of the force of the strokes over the position, as measured and by two plain regressions."""
     t, regression = curves.t[curves.rows], curves.analysis.regression
     x, measured, models = strokes_in_band(regression.signals, regression.motion({}), look)
     position, force = AxisUnit("position", "m", x), AxisUnit("force", "N", measured)

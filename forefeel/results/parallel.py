@@ -34,10 +34,11 @@ def in_parallel(
     scheduler: str | None,
     check: Callable[[], None] = lambda: None,
 ) -> Generator[R, None, None]:
-    """Yields each result as soon as it is there, in any order; what still runs ends with the iterator.
+    """Yields each result as soon as it is there, in any order; what still runs ends with the iterator. `jobs`
+    processes of this machine, or the workers of the dask cluster `scheduler`.
 
     Workers read the recordings and hand the results back: only this process writes. `check` is called many
-    times a second, and what it raises ends all.
+    times a second; what it raises, or `function`, ends all.
 
     Raises:
         ConfigurationError: a scheduler without the extra `forefeel[cluster]`.
@@ -66,7 +67,9 @@ def in_parallel(
 
 @contextmanager
 def _processes(count: int) -> Iterator[tuple[Executor, int]]:
-    """Pool of spawned processes, for a fork with threads may hang; the body's end kills them."""
+    """Yields a pool of spawned processes, for a fork with threads may hang, and their number. The end of the
+    body kills them, with every other child of multiprocessing, and waits for the pool.
+    """
     with _signals_blocked():  # with it begins the process that tracks its semaphores
         context, parent = get_context("spawn"), (os.getpid(), signal.SIGKILL)
         processes = ProcessPoolExecutor(count, context, die_with, parent)
@@ -81,7 +84,9 @@ def _processes(count: int) -> Iterator[tuple[Executor, int]]:
 
 @contextmanager
 def _signals_blocked() -> Iterator[None]:
-    """Blocks signals for what the body starts: a terminal sends them to all, and this process decides."""
+    """Blocks signals for what the body starts, and restores the mask after it: a terminal sends them to all,
+    and this process decides.
+    """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, SIGNALS)
     try:
         resource_tracker.ensure_running()  # before Python 3.13 its start unblocks two of them
@@ -93,7 +98,9 @@ def _signals_blocked() -> Iterator[None]:
 
 @contextmanager
 def _cluster(scheduler: str) -> Iterator[tuple[Executor, int]]:
-    """Executor on a dask cluster, and the number of its cores."""
+    """Yields an executor on a dask cluster, and the number of its cores. Raises ConfigurationError: dask is
+    not installed; EndpointError: no scheduler at that address, or one without workers.
+    """
     try:
         distributed = import_module("distributed")
     except ImportError as error:
@@ -115,7 +122,9 @@ def _cluster(scheduler: str) -> Iterator[tuple[Executor, int]]:
 
 
 def _check_scheduler(scheduler: str) -> None:
-    """Raises EndpointError at once where nothing listens; dask would try again and again."""
+    """Raises EndpointError for a malformed address, and at once where nothing listens; dask would try again
+    and again.
+    """
     match = _ADDRESS.fullmatch(scheduler)
     if match is None:
         raise EndpointError(f"--scheduler {scheduler!r}: {_EXPECTED}")

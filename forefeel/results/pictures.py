@@ -45,13 +45,17 @@ class Component:
 
 
 def picture(curves: Curves, name: str) -> Figure:
-    """Picture of a cause of the model, by the name of its form, over the variable in which it shows."""
+    """Figure of a cause of the fitted model over the variable in which it shows: what is left without it, and
+    its own force. `name`: of its form.
+    """
     draw, title, caption = _PICTURES[CANDIDATES[name].picture]
     return Figure(title, caption, HEIGHT_PX, draw(Component(curves, name)))
 
 
 def sensor_picture(analysis: Analysis, fault: Cause) -> Figure:
-    """Picture of a fault of the sensor: readings about the largest one, as recorded and as compared."""
+    """Figure of a fault of the sensor along time: the readings about the one furthest from the median, as
+    recorded and as cleaned for the comparison.
+    """
     raw, t = analysis.recording.force_n, analysis.recording.time_s - analysis.recording.time_s[0]
     assert raw is not None
     around_s = _HUMS_S if fault.name == MainsHum.name else _AROUND_S
@@ -64,7 +68,9 @@ def sensor_picture(analysis: Analysis, fault: Cause) -> Figure:
 def timeline(
     label: str, t: Floats, parts: Sequence[Part], gap_s: float, within_n: float | None = None, **more: object
 ) -> Layer:
-    """Panel of forces along time; `within_n`: shows zero, and shades up to so far from it."""
+    """Panel of forces along time, a line for each of `parts`; the unit's prefix suits the first. `within_n`:
+    shows zero, and shades up to so far from it. `more`: other fields of the panel.
+    """
     unit = AxisUnit(label, "N", *(values for _, _, values in parts[:1]))
     lines = [
         line(name, colour, t, unit(values), gap_s, **(DOTTED if colour == "measured" else {}))
@@ -78,7 +84,9 @@ def timeline(
 
 
 def _over(x: Part, left: Floats, cause_n: Floats, groups: Mapping[str, Mask] | None = None) -> Specs:
-    """Residual without the cause as points, and the cause as a line, over x; `groups` of rows by colour."""
+    """Canvas over x: the residual without the cause, `left`, as points, and the cause as a line of medians.
+    `groups`: rows by name, two at most, each in a colour; a group of 120 rows or fewer is not drawn.
+    """
     across, force = AxisUnit(*x), AxisUnit("force", "N", left)
     points, lines = [], []
     for (name, rows), colour in zip((groups or {"": np.isfinite(left)}).items(), (LEFT, MODEL), strict=False):
@@ -99,7 +107,9 @@ def _contact(of: Component) -> Specs:
 
 
 def _since(of: Component) -> Specs:
-    """Over the distance since reversal, turned by direction, so that both branches lie on each other."""
+    """Canvas of residual and cause over the distance since reversal, turned by direction, so that both
+    branches lie on each other and positive resists; the furthest distances are left out.
+    """
     length = max(of.shape, default=0.0)
     direction, since = (values[of.curves.rows] for values in strokes(of.curves, _TREMOR * length))
     most = float(np.quantile(since, 0.98)) if len(since) else 0.0
@@ -150,7 +160,9 @@ def spectrum(curves: Curves, parts: Sequence[Part], *peaks_hz: float) -> Specs:
 
 
 def _phase(of: Component) -> Specs:
-    """Phase and ratio of the measured force to the model's without the cause, where both go together."""
+    """Canvases over the frequency of phase and size of the measured force over the model's without the cause,
+    where both go together, beside the law of the cause.
+    """
     frequency, ratio = response(of.curves.analysis.regression, of.curves.analysis.fit, of.name)
     hz = np.linspace(0.0, float(frequency.max(initial=1.0)), 400)
     law = alignment(2.0 * np.pi * hz, {of.name: of.shape})

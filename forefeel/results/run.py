@@ -35,7 +35,8 @@ def run_diagnosis(
     scheduler: str | None,
     overwrite: bool,
 ) -> None:
-    """Diagnoses a file, or every recording of a folder; prints the answer. `together`: one answer to all.
+    """Diagnoses a file, or every recording of a folder; prints the answer and writes the results into `out`,
+    by default a folder named after the first source. `together`: one answer to all sources.
 
     The answer is printed and written before the page is drawn.
 
@@ -72,7 +73,9 @@ def run_diagnosis(
 
 
 def draw(page: Callable[[], str], name: str, out: Path, written: list[str]) -> None:
-    """Draws and writes the page; one that fails is one line, for the diagnosis is there."""
+    """Draws the page by calling `page`, and writes it into `out`. A drawing that fails is told in one line,
+    not raised, for the diagnosis is there; RunError where the file can not be written.
+    """
     try:
         stages(name)("report")
         text = page()

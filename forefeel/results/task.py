@@ -96,7 +96,9 @@ def answered(
     given: ContactModel | None = None,
     as_is: bool = False,
 ) -> Answered:
-    """Diagnoses recordings of one bench as `library.diagnose` does; `progress` gets each stage.
+    """Diagnoses recordings of one bench as `library.diagnose` does; returns details, the model (extended
+    where a cause is named) and the answer's lines. `progress` gets each stage; `as_is`: units are not
+    questioned.
 
     Raises RecordingError where one can not be diagnosed, or its units are not plausible.
     """
@@ -115,7 +117,9 @@ def answered(
 
 
 def _doubt(recording: Recording, asked: Question) -> RecordingError:
-    """Error that asks about a doubtful quantity, with the unit in which it would be usual if there is one."""
+    """Makes the error that asks about a doubtful quantity: an UnclearError with the unit in which it would be
+    usual, where there is one, else a plain RecordingError.
+    """
     text = recording.columns.get(asked.quantity)
     column, unit = parse_column(asked.quantity, text) if text else (asked.quantity, "")
     other = rescaled(asked.quantity, unit, asked.factor) if text else None
@@ -144,7 +148,9 @@ def examine(task: Task, tell: Tell = lambda stage: None) -> tuple[Result, Callab
 
 
 def attempt(task: Task) -> TaskOutcome:
-    """Examines a recording and draws its page; an error of this recording alone stands in the outcome."""
+    """Examines a recording and draws its page; an error of this recording alone stands in the outcome:
+    InputError as `skipped`, RunError as `failed`, one of the page as `page_failed` beside the result.
+    """
     try:
         result, page = examine(task)
     except InputError as error:
@@ -160,7 +166,9 @@ def attempt(task: Task) -> TaskOutcome:
 
 
 def _examine(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
-    """Does the work of `examine`, and raises errors as they are."""
+    """Reads, diagnoses and predicts, as `examine` does, but raises errors as they are; ConfigurationError
+    where the given model's force is not finite. `tell` gets each stage.
+    """
     tell("reading")
     recordings = [load_recording(f, task.columns, task.axis, force=True) for f in (task.file, *task.beside)]
     judged = answered(recordings, tell, task.given, task.as_is)

@@ -92,7 +92,7 @@ def answer(
 def answer_lines(
     diagnosis: Diagnosis, across: "Across | str | None", given: str | None = None
 ) -> list[tuple[str, str]]:
-    """(label, text) of each line of an answer, on the terminal and on the page; no label: it goes on.
+    """Label and text of each line of an answer, on the terminal and on the page; no label: it goes on.
 
     `given`: name of the simulation. `across`: the prediction, or why it failed.
     """
@@ -115,7 +115,9 @@ def answer_lines(
 
 
 def look_texts(look: Look | None) -> list[str]:
-    """Results of plain regressions before the search: band, direction, shares of the force, family."""
+    """Results of plain regressions before the search: band, direction, shares of the force, family; empty
+    without a look.
+    """
     if look is None:
         return []
     way = "resists the motion" if look.sense > 0.0 else "pushes along the motion, a reaction"
@@ -167,7 +169,9 @@ def _cause(cause: Cause) -> list[str]:
 
 
 def _extended(diagnosis: Diagnosis, given: str | None) -> str:
-    """Error and gain of the extended model on stretches that it was not fitted to."""
+    """Text on error and gain of the extended model on stretches that it was not fitted to; where all causes
+    were seen on the readings, only that they were taken out.
+    """
     held = diagnosis.held_out
     if on_readings(diagnosis):
         return "the readings were freed of it before the rest was compared"
@@ -179,7 +183,9 @@ def _extended(diagnosis: Diagnosis, given: str | None) -> str:
 
 
 def _elsewhere(expected: ExpectedGain | None) -> list[str]:
-    """The gain on another motion, and where it holds."""
+    """Line on the gain expected on another motion, and the range where it holds; empty where none is
+    expected.
+    """
     if expected is None:
         return []
     low, high = sorted((expected.gain_low, expected.gain_high))
@@ -191,7 +197,9 @@ def _elsewhere(expected: ExpectedGain | None) -> list[str]:
 
 
 def equation(diagnosis: Diagnosis) -> str:
-    """The model in SI units: extended where causes are named, else the simulation."""
+    """Equation `f = ...` of the model in SI units: extended where causes are named, else the simulation.
+    Conditions follow, each after a semicolon.
+    """
     model = diagnosis.extended if diagnosis.verdict == "cause_found" else diagnosis.baseline
     m, b, k = (model.parameters.get(name, 0.0) for name in ("mass_kg", "damping_n_s_m", "stiffness_n_m"))
     terms = [f"{value:.3g} {of}" for value, of in ((m, "x''"), (b, "x'"), (k, "x")) if value]

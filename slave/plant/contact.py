@@ -22,7 +22,9 @@ class SwitchedContact:
         self.instrument_m = 0.0
 
     def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
-        """Force in N of the contact that holds at t; the later one follows the motion from the start."""
+        """Steps both contacts by `dt` to time `t`; returns the force in N of the one that holds then, and
+        takes over its `instrument_m`. x, v, a: motion at the end of the step.
+        """
         self._switch(t)
         force_n = self._now.step(t, x, v, a, dt)
         if self._after is not self._now:
@@ -64,7 +66,9 @@ PlantContact = ContactRuntime | SwitchedContact
 
 
 def plant_contact(contact: ContactModel, hidden: HiddenSettings | None) -> tuple[PlantContact, Converter]:
-    """The contact of the world, with the hidden effects switched on later, and its converter."""
+    """Builds the world's contact and the converter of its readings, which has those of its effects that act
+    at a conversion. `hidden`: effects of both kinds that come in at `from_s`; None: none.
+    """
     continuous, converts = at_conversion(contact)
     if hidden is None:
         return continuous.runtime(), Converter(converts, [], 0.0)

@@ -113,6 +113,10 @@ class WorldSettings(Settings):
     @model_validator(mode="before")
     @classmethod
     def _fill_from_preset(cls, data: Any, info: ValidationInfo) -> Any:  # noqa: ANN401 - raw input of pydantic
+        """Fills in from its preset what the raw mapping leaves out, and the contact from the file `model`, if
+        it names one; `pushes_only` defaults to on only with the preset's contact. Anything but a mapping with
+        a known preset is passed on for the fields to refuse.
+        """
         if not isinstance(data, dict):
             return data
         data = _with_model(data, "contact", info)
@@ -125,7 +129,9 @@ class WorldSettings(Settings):
 
 
 def _with_model(data: dict[str, Any], key: str, info: ValidationInfo) -> dict[str, Any]:
-    """`data` with what the file `model` holds under `key`."""
+    """Copy of `data` with the contact of the file `model` under `key`, and `model` None; `data` itself where
+    it names no file. ValueError: `key` is given as well, or the file can not be used.
+    """
     model = data.get("model")
     if not isinstance(model, str | Path):
         return data

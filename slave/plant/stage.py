@@ -65,7 +65,8 @@ class PlantStage:
         return x, v, (v - before) / dt
 
     def _demanded(self, t: float) -> tuple[float, float]:
-        """Position and velocity at which the servo alone would be after this step; at rest without setpoint.
+        """Position and velocity at which the servo alone would be after this step; the present position and 0
+        without a setpoint, or once the last is older than the watchdog.
 
         With e = x - target and d = v - feed: `e(dt) = (e + c dt) exp(-w dt)`, `c = d + w e`.
         """
@@ -85,7 +86,9 @@ class PlantStage:
         return target + (e + c * dt) * self._decay, feed + (d - w * c * dt) * self._decay
 
     def _limited(self, v: float, demanded: float) -> float:
-        """The velocity nearest to `demanded` that one step from v can reach."""
+        """Velocity nearest to `demanded` that one step from v can reach, within the limits of acceleration
+        and velocity.
+        """
         change, fastest = self._change_m_s, self._fastest_m_s
         if demanded > v + change:
             demanded = v + change

@@ -47,7 +47,9 @@ class PlantLoadCell:
         """The newest conversion; invalid before the first."""
 
     def convert(self, t: float) -> None:
-        """Makes the next reading of the filtered force: bias, drift, noise, effects, counts."""
+        """Replaces `reading` by a conversion of the filtered force: bias, drift at t, noise, effects of the
+        sensor, whole counts; not valid beyond 95 % of full scale.
+        """
         settings = self._settings
         noise_n = self._random.gauss(0.0, settings.noise_n)
         reading_n = self.filtered.value + settings.bias_n + settings.drift_n_s * t + noise_n
@@ -119,7 +121,9 @@ class SimulatedWorld:
         return stamp_ns - self.start_ns
 
     def _integrate(self, first: int, last: int) -> None:
-        """Steps stage, fixture and filter up to step `last`, and converts once a millisecond."""
+        """Steps stage, fixture and the load cell's filter from after step `first` to step `last`; converts
+        once a millisecond.
+        """
         stage, fixture, cell = self._stage.step, self._fixture.step, self._load_cell
         dt, per_conversion = self._dt, _RATE_HZ // _CONVERSION_RATE_HZ
         for step in range(first + 1, last + 1):
