@@ -131,7 +131,7 @@ def latched(path: Path) -> dict[str, str]:
         return {str(axis): str(reason) for axis, reason in document["latched"].items()}
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError, TypeError, AttributeError):
+    except (OSError, ValueError, TypeError, AttributeError, RecursionError):
         return {_ALL: "what was latched can not be read"}
 
 

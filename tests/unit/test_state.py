@@ -218,6 +218,12 @@ def test_latch_keeps_newest_of_each_axis(latch: Latch, path: Path) -> None:
     assert latched(path) == {"b": "follows"}
 
 
+@pytest.mark.parametrize("text", ["", "{}", "[" * 16_000, '{"latched": 1}', "\x00"])
+def test_latch_file_that_can_not_be_read_stops_every_axis(path: Path, text: str) -> None:
+    path.write_text(text)
+    assert list(latched(path)) == [""]
+
+
 def test_latch_overflow_stops_every_axis(path: Path) -> None:
     axes = [f"axis{number}" for number in range(100)]
     latch = Latch(path, axes, True, lambda *_: None, SteppedWorker)
