@@ -266,8 +266,9 @@ class SlaveAxis:
     # --- on asyncio ---
 
     def serve(self, now_ns: int, last: bool = False) -> None:
-        """Answers handshakes, releases a session with a second writer, only late commands or none, publishes
-        and logs events; every 10 ms. `last`: all that is gathered. Logs them even where publishing raises.
+        """Answers handshakes, releases a session that ended unrenewed, or with a second writer, only late
+        commands or none, publishes and logs events; every 10 ms. `last`: all that is gathered. Logs them even
+        where publishing raises.
         """
         try:
             if lost := self._session.ended_unrenewed(now_ns):

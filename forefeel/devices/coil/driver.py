@@ -126,8 +126,8 @@ class CoilTalk:
 
     def _take_identity(self, identity: CoilIdentity) -> None:
         """Stores serial number and identity in the link: IDENTIFIED; ignores an identity unless the link is
-        OPEN. DeviceSetupError: another device, protocol or serial number, or a watchdog or limit above the
-        settings.
+        OPEN. DeviceSetupError: no such device or protocol, another serial number than before, or a watchdog
+        or limit above the settings.
         """
         if self._link.state is not LinkState.OPEN:
             return

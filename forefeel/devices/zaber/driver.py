@@ -433,8 +433,8 @@ class ZaberExchange:
         """Returns the target in microsteps for a setpoint: at most `lead_s` ahead of it, and of where the
         stage is. It is clamped to the travel and the limits of the device.
 
-        The setpoint is extrapolated by its age, by the time that the device needs to get it, and by the
-        distance that it brakes over, v / 2A, so that a steady motion is not braked at each target.
+        The setpoint is extrapolated by its age, by the time that the device needs to get it, and by half the
+        time that it brakes, v / 2A, so that a steady motion is not braked at each target.
         """
         settings, (position_m, velocity_m_s, stamp_ns) = self._settings, setpoint
         braking_s = 0.5 * abs(velocity_m_s) / settings.max_acceleration_m_s2
