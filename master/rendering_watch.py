@@ -46,7 +46,7 @@ class RenderingWatch:
     ) -> None:
         """Updates `distrusts` and `ends` by one tick: set once wrong ticks sum up to 0.2 s and 0.3 s, right
         ones taking off a quarter; both cleared while the deadman is released. `newest`: measured force that
-        is to be felt, None: nothing is wrong; `rendered`: in the tick before.
+        is to be felt; without it or a prediction nothing is wrong. `rendered`: in the tick before.
         """
         self._moved_m += abs(position_m - self._position_m)
         self._position_m = position_m

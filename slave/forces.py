@@ -53,8 +53,9 @@ class ForcePublisher:
         self._instants.append(instant)
 
     def send(self, reading: LoadCellReading, holder: int, clock: OffsetEstimate | None) -> None:
-        """Publishes one reading as a force sample, with stage, command and setpoint of the tick of its stamp
-        (no stamp: the newest tick). `holder`: session id. At least one tick has to be noted before.
+        """Publishes one reading as a force sample, with stage, command, setpoint and stamp of the tick of its
+        stamp (no stamp: the newest tick). `holder`: session id; `clock`: sent along, not applied. At least
+        one tick has to be noted before.
         """
         newest = self._instants[-1]
         at = newest if reading.stamp_ns is None else self._at(reading.stamp_ns)

@@ -151,9 +151,9 @@ Chosen = dict[Quantity, tuple[str, str]]
 
 
 def _chosen(source: str, table: Table, mapping: Mapping, force: bool | None) -> Chosen:
-    """Column and unit of each quantity, as given or by its name; without force where it is False, or None and
-    no column is named so. Raises UnclearError where in doubt, RecordingError where a given column is missing
-    or none can be meant.
+    """Column and unit of each quantity, as given or by its name; a force that is not given is left out where
+    `force` is False, or None and no column is named so. Raises UnclearError where in doubt, RecordingError
+    where a given column is missing or none can be meant.
     """
     given = mapping.columns()
     for quantity, (column, _) in given.items():

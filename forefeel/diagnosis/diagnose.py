@@ -90,8 +90,9 @@ def _diagnosed(recordings: list[Recording], progress: Progress, given: ContactMo
 
 
 def _weighed(analysis: Analysis, progress: Progress) -> tuple[Diagnosis, Analysis]:
-    """Judges an analysis; returns the diagnosis, with look and expected gain, and the analysis of the causes
-    kept. Raises RecordingError where the force is flat but for noise.
+    """Judges an analysis; returns the diagnosis, with the expected gain and the result of the plain
+    regressions (`look`), and the analysis of the causes kept. Raises RecordingError where the force is flat
+    but for noise.
     """
     if _force_is_noise(analysis):
         raise RecordingError(

@@ -92,7 +92,8 @@ class _Band:
 
     def predicted(self, families: Sequence[str], sense: float) -> Floats:
         """Force in N of a non-negative regression on the columns of these families, each of 8 blocks
-        predicted by the fit to the others; `sense` -1 fits the force turned.
+        predicted by the fit to the others; `sense` -1: the force is turned for the fit, the result turned
+        back.
         """
         table, force = self._table[:, np.isin(self._owners, families)], sense * self.force
         predicted = np.zeros(len(force))

@@ -60,7 +60,8 @@ class Probed:
 
 def probe(device: ConfiguredDevice, seconds: float, clock: SleepingClock) -> Probed:
     """Opens a device, reads it at 1 kHz for that time and closes it; returns what was measured. A simulated
-    device is not opened. A fault is returned, not raised: `refused` for an InputError, else `failed`.
+    device is not opened. A ForefeelError is not raised: it becomes the verdict, `refused` if an InputError,
+    else `failed`, and its text `error`.
     """
     result = Probed(device.axis, device.driver.slot, device.driver.name, device.where, "simulated")
     if not device.settings.hardware:

@@ -129,8 +129,8 @@ def limits(
 
 
 def thin(x: Floats, gap: float, *columns: Floats) -> Floats:
-    """Rows of x and the columns, in the order of x; where they are more than 2 BINS, only the extremes of
-    each of BINS bins.
+    """Rows of x and the columns, sorted by x; where they are more than 2 BINS, only the extremes of each of
+    BINS bins.
 
     Of one column each bin keeps the lowest and the highest value, of two the first's lowest and the second's
     highest. NaN breaks a line; a row of NaN is added at a pause over `gap`.

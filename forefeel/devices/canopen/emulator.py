@@ -275,7 +275,9 @@ class CanopenDevice:
                 self._network.send_message(at, b"".join(parts))
 
     def _apply(self, mapped: tuple[tuple[int, int], ...], data: bytes) -> None:
-        """Writes the data of an RPDO to its mapped objects; ignores one that is too short."""
+        """Writes the data of an RPDO to its mapped objects, each (index << 8 | subindex, bytes), in their
+        order; ignores one that is too short.
+        """
         if len(data) < sum(size for _, size in mapped):
             return
         start = 0
