@@ -279,7 +279,8 @@ class Process:
 @contextmanager
 def _process(settings: DaemonSettings, host: Host | None, connect: Connect) -> Iterator[Process]:
     """Opens runtime, state folder, event log and control socket of a daemon for the length of a block; gives
-    the Process. A signal stops the runtime. The event log gets the start, and the end with its cause.
+    the Process, with which the block opens the network (`connect`) and the devices. A signal stops the
+    runtime. The event log gets the start, and the end with its cause.
 
     The process is settled before a device is opened: it would hear nothing of us meanwhile. The control
     socket is open before the network: a stop needs no connection. Once the transport is open, every thread is

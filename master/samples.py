@@ -41,8 +41,8 @@ def haptic_sample(
     clock: OffsetEstimate | None,
 ) -> HapticSample:
     """Builds the haptic sample of one tick; fields of the prediction or of the newest force are None where
-    there is none. Clips command position and prediction to the range of the messages. `rendered_n`: as the
-    handle applied it.
+    there is none (`leading`: empty). Clips command position and prediction to the range of the messages.
+    `rendered_n`: as the handle applied it.
     """
     predicted = outputs.predicted
     force_n, low_n, high_n = map(bounded, predicted[:3]) if predicted else (None, None, None)

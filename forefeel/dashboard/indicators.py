@@ -107,7 +107,7 @@ def safety_word(slave: SlaveState) -> str:
 
 
 def _deadman(view: AxisView, now_ns: int) -> Light:
-    """Light of the deadman: `good` while it is pressed, `off` when released, or unknown without a master."""
+    """Light of the deadman: `good` while pressed, else `off`: released, or unknown, without a master."""
     master = view.newest.master
     if master is None or _quiet(view, MASTER_STATE, now_ns):
         return Light("deadman", "off", "unknown", "no master")

@@ -145,8 +145,8 @@ class StopButton:
         self.hear = self._stopper.hear
 
     async def press(self, asked: Request) -> JSONResponse:
-        """Sends the stop to every axis, again and again, until each is in ESTOPPED, 2 s at most. Answers with
-        JSON: `running`, the axes that are not, and `heard`, true if any axis was heard.
+        """Sends the stop to every axis, again and again, until each that is heard is in ESTOPPED, 2 s at
+        most. Answers with JSON: `running`, those that are not, and `heard`, false if none was heard.
         """
         stopper = self._stopper
         stopper.reason = f"page, from {asked.client.host if asked.client else 'unknown'}"
@@ -155,7 +155,7 @@ class StopButton:
             await asyncio.sleep(EVERY_S)
             states = stopper.outcome()
             running = [axis for axis, state in states.items() if state != SafetyState.ESTOPPED.value]
-            if not running:
+            if states and not running:
                 break
         return JSONResponse({"heard": bool(states), "running": running})
 
