@@ -49,8 +49,9 @@ class Lease:
         return self.holder != 0 and now_ns < self._expires_ns
 
     def request(self, session_id: int, now_ns: int, at_rest: bool) -> str | None:
-        """Grants the lease to a session: None, also where it holds it already. Else the reason of the
-        refusal: an id of 0 or used before, another session that is live, a stage not at rest.
+        """Grants the lease to a session for its first term: None; also, without a new term, where it holds it
+        already. Else the reason of the refusal: an id of 0 or used before, its own after the lease ended too,
+        another session that is live, a stage not `at_rest`.
         """
         if session_id == self.holder and self.live(now_ns):
             return None

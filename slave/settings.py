@@ -95,8 +95,9 @@ class SlaveAxisSettings(AxisSettings):
         )
 
     def reaction(self, reading_s: float = 2 * TICK_NS * 1e-9) -> Reaction:
-        """Lateness of the force after the setpoint, in s by its parts: from the settings' lags, or from those
-        of the simulated stage and cell. `reading_s`: of a reading when it is replaced.
+        """Lateness of the force after the setpoint, in s by its parts: from the settings' lags. The filter of
+        a simulated cell adds to its lag, the bandwidth of a simulated stage replaces the stage's.
+        `reading_s`: age of a reading when it is replaced.
 
         A servo of critical damping with velocity feed-forward, w its bandwidth, answers a ramp with the
         deviation t exp(-w t): at most exp(-2 w t) of a setpoint does not show, and v / e w comes after it.

@@ -130,7 +130,7 @@ def _histogram(delays_s: Floats) -> tuple[list[int], list[float]]:
 
 def model(view: AxisView, now_ns: int) -> Card:
     """Parameters (at most 24) with their uncertainty, what the motion tells apart, how good the model is, and
-    the friction for the vessel; a sentence in their place where nothing was heard.
+    the friction for the vessel, of the newest model, however old; a sentence in their place before any.
     """
     latest = view.newest.model
     if latest is None:

@@ -54,10 +54,12 @@ def white() -> Noise:
 def autoregression(
     residual: Floats, rows: Mask, pieces: Sequence[slice], rate_hz: float, corner_hz: float = LEAST_CORNER_HZ
 ) -> Noise:
-    """Yule-Walker fit to what counts, other rows taken as zero (Parzen's amplitude-modulated series).
+    """Autoregressive noise by a Yule-Walker fit to the rows that count, others taken as zero (Parzen's
+    amplitude-modulated series); white noise where they are too few, or have no power.
 
-    A small ridge keeps the filter's stop-band from being blown up. What is remembered for longer than noise
-    with that corner is structure: taken for noise it would blind the search for slow causes.
+    A small ridge keeps the filter's stop-band from being blown up. Autocovariance beyond that of noise with
+    the corner `corner_hz` is clipped: it is structure, which taken for noise would blind the search for slow
+    causes.
     """
     counted = float(np.count_nonzero(rows))
     order = _order(rows, pieces)

@@ -166,8 +166,9 @@ def attempt(task: Task) -> TaskOutcome:
 
 
 def _examine(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
-    """Reads, diagnoses and predicts, as `examine` does, but raises errors as they are; ConfigurationError
-    where the given model's force is not finite. `tell` gets each stage.
+    """Reads, diagnoses and, if a cause is named and `task.replay`, predicts; returns the result and a
+    function that draws its page, as `examine` does. Raises errors as they are; ConfigurationError where the
+    given model's force is not finite. `tell` gets each stage.
     """
     tell("reading")
     recordings = [load_recording(f, task.columns, task.axis, force=True) for f in (task.file, *task.beside)]
