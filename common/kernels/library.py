@@ -22,6 +22,11 @@ _ENTRIES: Mapping[str, tuple[Any, ...]] = {
     "evaluator_moved_s": (_DOUBLE, _ADDRESS),
     "learner_take": (_LONG, _ADDRESS, _ADDRESS, _ADDRESS),
     "learner_publish": (None, _ADDRESS, _ADDRESS),
+    "prandtl_element": (None, *[_ADDRESS] * 2, _LONG),
+    "bristle": (None, *[_ADDRESS] * 3, _LONG),
+    "lag": (None, *[_ADDRESS] * 2, _DOUBLE, _ADDRESS, _LONG),
+    "gap": (None, *[_ADDRESS] * 6, _LONG),
+    "oscillator": (None, *[_ADDRESS] * 7, _LONG),
 }
 """Type of the result, then of the arguments."""
 

@@ -20,9 +20,9 @@ void bristle(const double *d, const double *decay, double *y, long n) {
     }
 }
 
-/* tau y' = u - y, settled at the first input or at 0 */
-void lag(const double *u, const double *decay, bool settled, double *y, long n) {
-    double value = settled && n ? u[0] : 0.0;
+/* tau y' = u - y, y = start */
+void lag(const double *u, const double *decay, double start, double *y, long n) {
+    double value = start;
     for (long i = 0; i < n; i++)
         y[i] = value = u[i] + (value - u[i]) * decay[i];
 }
