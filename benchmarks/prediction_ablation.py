@@ -34,7 +34,7 @@ def _without_members(*names: str) -> AbstractContextManager[object]:
 
     def published(learner: Learner) -> Snapshot:
         snapshot = publish(learner)
-        snapshot.learned["weights"][:, silent] = 0.0
+        snapshot.learned.values["weights"][silent] = 0.0
         return snapshot
 
     return mock.patch.object(Learner, "publish", published)

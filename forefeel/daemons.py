@@ -69,25 +69,15 @@ def run_daemon(
         raise ConfigurationError("transport: no endpoint; expected one in listen or in connect")
     die_with_parent()
     gc.disable()  # what is loaded stays: to look for garbage in it took a tenth of the start
-    _load(settings)
+    # before real-time priority, at which half a second of imports would keep all others waiting
+    import_module(f"forefeel.{settings.role}.daemon")  # each daemon loads only its own side
+    import_drivers(settings)
     gc.freeze()
     gc.enable()
     if settings.role == "master":
         asyncio.run(master(settings, duration_s, insecure))
     else:
         asyncio.run(slave(settings, duration_s, insecure))
-
-
-def _load(settings: "SlaveSettings | MasterSettings") -> None:
-    """Imports the daemon's module and its drivers, and compiles the kernels of a master's predictor, before
-    real-time priority: to compile for a second at it would stop every other process for 50 ms.
-    """
-    import_module(f"forefeel.{settings.role}.daemon")  # each daemon loads only its own side
-    import_drivers(settings)
-    if settings.role == "master":
-        from forefeel.common.estimation.predictor import compile_kernels  # noqa: PLC0415 - the slave has none
-
-        compile_kernels()
 
 
 async def slave(

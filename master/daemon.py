@@ -7,7 +7,6 @@ from forefeel.common.bus import Bus
 from forefeel.common.clock import Clock, now_utc
 from forefeel.common.daemon import SECOND_NS, Reports, for_each, impaired
 from forefeel.common.estimation.learner import Learner
-from forefeel.common.estimation.predictor import compile_kernels
 from forefeel.common.events.sink import NULL_EVENT_SINK, EventSink
 from forefeel.common.hardware.driver import driver_of
 from forefeel.common.model_file import load_model
@@ -43,7 +42,6 @@ class MasterDaemon:
             InputError: a file that the settings name can not be used.
             DeviceError: the handle does not answer.
         """
-        compile_kernels()  # before a loop runs: the first call must not be a late one
         self.transport = impaired(inner, settings.impairment, "master", runtime)
         self._event_sink, self._now_ns = event_sink, runtime.clock.now_ns
         self._wanted = [axis.prediction for axis in settings.axes]

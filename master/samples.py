@@ -89,7 +89,7 @@ def model_parameters(header: Header, identification: IdentificationTask, prior: 
         samples=identification.used,
         updates=identification.learner.fits,
         resets=identification.learner.renewals,
-        innovation_rms_n=within(float(learned["recent_n"][0]), MOST_FORCE_N),
+        innovation_rms_n=within(float(learned.values["recent_n"]), MOST_FORCE_N),
         prior=prior[:256],
     )
 

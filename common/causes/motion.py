@@ -17,7 +17,7 @@ from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
 
-from forefeel.common.causes.numerics import Array, intervals_s, lazy_kernel, share_above, sign_means
+from forefeel.common.causes.numerics import Array, intervals_s, loop, share_above, sign_means
 
 BAND_M_S = 1e-5
 """m/s, half the width of the linear band of a direction: a wider one makes slow friction viscous, a narrower
@@ -192,7 +192,7 @@ class Memory:
     """State of an effect, which declares it as a class attribute; each instance has the `step` of its own.
 
     A subclass gives `step` for floats. `run` is the same over arrays, from rest; one that is called often is
-    compiled.
+    a loop in C.
     """
 
     start: ClassVar[Any] = 0.0
@@ -225,13 +225,8 @@ class PrandtlElement(Memory):
         return s
 
     @staticmethod
-    @lazy_kernel
     def run(u: Array) -> Array:
-        y, s = np.empty_like(u), 0.0
-        for i in range(len(u)):
-            s = min(max(s + u[i], -1.0), 1.0)
-            y[i] = s
-        return y
+        return loop("prandtl_element", u)
 
 
 class Bristle(Memory):
@@ -245,16 +240,8 @@ class Bristle(Memory):
         return self.value
 
     @staticmethod
-    @lazy_kernel
     def run(d: Array, decay: Array) -> Array:
-        y, u = np.empty_like(d), 0.0
-        for i in range(len(d)):
-            if d[i] > 0.0:
-                u = 1.0 - (1.0 - u) * decay[i]
-            elif d[i] < 0.0:
-                u = (1.0 + u) * decay[i] - 1.0
-            y[i] = u
-        return y
+        return loop("bristle", d, decay)
 
 
 class Lag(Memory):
@@ -267,7 +254,7 @@ class Lag(Memory):
 
     @staticmethod
     def run(u: Array, decay: Array) -> Array:
-        return _lagged(u, decay, 0.0)
+        return loop("lag", u, decay, 0.0)
 
 
 class SettledLag(Lag):
@@ -277,17 +264,7 @@ class SettledLag(Lag):
 
     @staticmethod
     def run(u: Array, decay: Array) -> Array:
-        return _lagged(u, decay, float(u[0])) if len(u) else u
-
-
-@lazy_kernel
-def _lagged(u: Array, decay: Array, start: float) -> Array:
-    y = np.empty_like(u)
-    value = start
-    for i in range(len(u)):
-        value = u[i] + (value - u[i]) * decay[i]
-        y[i] = value
-    return y
+        return loop("lag", u, decay, float(u[0])) if len(u) else u
 
 
 class Delay(Memory):
@@ -330,19 +307,8 @@ class Gap(Memory):
         return y, 1.0 if y != free else 0.0
 
     @staticmethod
-    @lazy_kernel
     def run(x: Array, half: Array, rest: Array, decay: Array) -> Array:
-        y = np.empty((2, len(x)))
-        value = 0.0
-        for i in range(len(x)):
-            stays = math.isnan(rest[i])
-            if i == 0:
-                value = x[i] if stays else min(max(rest[i], x[i] - half[i]), x[i] + half[i])
-            free = value if stays else rest[i] + (value - rest[i]) * decay[i]
-            value = min(max(free, x[i] - half[i]), x[i] + half[i])
-            y[0, i] = value
-            y[1, i] = 0.0 if value == free else 1.0
-        return y
+        return loop("gap", x, half, rest, decay, outputs=2)
 
 
 class Oscillator(Memory):
@@ -360,15 +326,5 @@ class Oscillator(Memory):
         return self.value
 
     @staticmethod
-    @lazy_kernel
     def run(a: Array, ec: Array, es: Array, decay: Array, square: Array) -> Array:
-        swing = np.empty((2, len(a)))
-        z = w = 0.0
-        for i in range(len(a)):
-            rest = a[i] / square[i]
-            y = z - rest
-            z = rest + (ec[i] + decay[i] * es[i]) * y + es[i] * w
-            w = (ec[i] - decay[i] * es[i]) * w - square[i] * es[i] * y
-            swing[0, i] = z
-            swing[1, i] = w
-        return swing
+        return loop("oscillator", a, ec, es, decay, square, outputs=2)

@@ -1,14 +1,13 @@
-"""Numerics on whole recordings: intervals, compiled loops, means over samples."""
+"""Numerics on whole recordings: intervals, loops in C, means over samples."""
 
 from collections.abc import Callable
-from functools import cache, wraps
-from typing import Any, TypeVar, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from forefeel.common.kernels.library import kernels
+
 Array = NDArray[np.float64]
-F = TypeVar("F", bound=Callable[..., Any])
 
 
 def intervals_s(t: Array) -> Array:
@@ -16,27 +15,20 @@ def intervals_s(t: Array) -> Array:
     return np.diff(t, prepend=t[:1])
 
 
-def lazy_kernel(function: F) -> F:
-    """Decorator that compiles a loop by numba at its first call; before that no compiler is loaded.
+def loop(name: str, *arguments: Array | float, outputs: int = 1) -> Array:
+    """Output of a loop in C over arrays of n samples (common/kernels/loops.c), shape (n,) or (outputs, n).
 
-    Arrays are passed as contiguous and writable float64, else copied: one compilation fits all recordings.
+    Raises:
+        ValueError: arrays of several lengths, beyond which C would read.
     """
-
-    @cache
-    def compiled() -> Callable[..., Any]:
-        from forefeel.common.jit import kernel  # noqa: PLC0415 - loads numba
-
-        return kernel(function)
-
-    @wraps(function)
-    def call(*arguments: object) -> object:
-        return compiled()(*map(_plain, arguments))
-
-    return cast(F, call)
-
-
-def _plain(argument: object) -> object:
-    return np.require(argument, np.float64, ["C", "W"]) if isinstance(argument, np.ndarray) else argument
+    rows = [np.ascontiguousarray(u, np.float64) if isinstance(u, np.ndarray) else float(u) for u in arguments]
+    n, *others = {u.shape for u in rows if isinstance(u, np.ndarray)}
+    if others or len(n) != 1:
+        raise ValueError(f"{name}: arrays of shapes {n, *others}, expected one length")
+    y = np.empty((outputs, *n))
+    addresses = [u.ctypes.data if isinstance(u, np.ndarray) else u for u in (*rows, *y)]
+    getattr(kernels(), name)(*addresses, *n)
+    return y if outputs > 1 else y[0]
 
 
 def sign_means(v: Array, band: float) -> Array:

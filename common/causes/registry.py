@@ -72,14 +72,6 @@ def effect_class(name: str) -> type[Effect]:
     raise ValueError(f"unknown effect {name!r}, expected one of {', '.join(effect_names())}")
 
 
-def compile_kernels() -> None:
-    """Runs every loop over a recording once, so that numba keeps its code for later processes."""
-    t = np.arange(3.0) * 1e-3
-    for kind in OWN.values():
-        values = {p.name: min(max(p.default, p.lower, 1e-3), p.upper) for p in kind.parameters}
-        ContactRuntime([(kind(**values), None)]).forces_n(t, t, t, t)
-
-
 _KINDS = (ForceEffect, MotionEffect, FactorEffect, ContactEffect, SensorEffect)
 _TRIAL_STEP_S = 1e-3  # s, time and step of the trial calls: one period at 1 kHz
 

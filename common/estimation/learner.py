@@ -10,29 +10,24 @@ from concurrent.futures import Future
 from heapq import heappop, heappush
 from typing import Annotated, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation import band as bands
-from forefeel.common.estimation import bank as banks
 from forefeel.common.estimation import blend as blends
 from forefeel.common.estimation import change_detection, experts
-from forefeel.common.estimation import forces as beliefs
+from forefeel.common.estimation import forces as forces_
 from forefeel.common.estimation.band import Band
 from forefeel.common.estimation.bank import RING
-from forefeel.common.estimation.blend import ZOH, Blend
+from forefeel.common.estimation.blend import Blend
 from forefeel.common.estimation.change_detection import Change, Trial
 from forefeel.common.estimation.contact import Contact, ContactFit, Fitting
 from forefeel.common.estimation.contact_fit import Pause
 from forefeel.common.estimation.contact_prior import ContactPrior
-from forefeel.common.estimation.evaluator import Evaluation, Evaluations, Evaluator, Snapshot, nothing_learned
+from forefeel.common.estimation.evaluator import Evaluator, Learned, Reading, Snapshot
 from forefeel.common.estimation.experts import Learning
 from forefeel.common.estimation.forces import Forces
 from forefeel.common.estimation.lost_contact import LostContact
-from forefeel.common.jit import Array, kernel, record, zeros
-
-_PLAIN = blends.FIRST + experts.PLAIN
+from forefeel.common.kernels.library import kernels
+from forefeel.common.kernels.record import Array, Numbers, Record
 
 
 class Knowledge(Protocol):
@@ -52,9 +47,7 @@ class Knowledge(Protocol):
     taken: Annotated[Array, RING]
 
 
-_DTYPE = record(Knowledge)
-_WORSE_THAN_NOTHING = -2
-
+WORSE_THAN_NOTHING = -2
 
 Fit = Callable[[Pause], Contact | None]
 Solve = Callable[[Fit], "Future[Contact | None]"]
@@ -90,7 +83,8 @@ class Learner:
         model: ContactModel | None = None,
         solve: Solve = at_once,
     ) -> None:
-        self._evaluation = evaluator.record
+        self._evaluator, self._evaluation = evaluator, evaluator.record
+        self._kernels, self._reading = kernels(), Numbers(Reading)
         self.prior, self._model, self._solve = prior, model, solve
         self.lost_n: list[float] = []
         self._early: list[tuple[float, float, float]] = []
@@ -100,12 +94,13 @@ class Learner:
 
     def _begin_anew(self) -> None:
         """Discards all that was learned, but keeps prior and model; counts a renewal."""
-        self._knowledge = zeros(_DTYPE)
-        beliefs.begin(self._knowledge["forces"])
-        experts.begin(self._knowledge["experts"])
-        blends.begin(self._knowledge["blend"], self.prior is not None or self._model is not None)
-        bands.begin(self._knowledge["band"])
-        change_detection.begin(self._knowledge["trial"])
+        self._knowledge = Record(Knowledge)
+        values = self._knowledge.values
+        forces_.begin(values["forces"])
+        experts.begin(values["experts"])
+        blends.begin(values["blend"], self.prior is not None or self._model is not None)
+        bands.begin(values["band"])
+        change_detection.begin(values["trial"])
         self._fit = ContactFit(self.prior, self._model)
         self._fitting: tuple[Fitting, Future[Contact | None]] | None = None
         self._lost_contact = LostContact()
@@ -120,7 +115,7 @@ class Learner:
         if not (math.isfinite(stamp_s) and math.isfinite(force_n)):
             return
         heappush(self._early, (stamp_s, force_n, error_m))
-        moved_s = _moved_s(self._evaluation)
+        moved_s = self._evaluator.moved_s
         while self._early and self._early[0][0] <= moved_s:
             self._take(*heappop(self._early))
         if len(self._early) > RING:
@@ -132,12 +127,20 @@ class Learner:
         If the predictions are found worse than the zero-order hold, discards all that was learned and begins
         with this force.
         """
-        n = _take(self._knowledge, self._evaluation, stamp_s, force_n)
-        if n == _WORSE_THAN_NOTHING:
+        self._reading.pack(stamp_s, force_n)
+        n = self._learn()
+        if n == WORSE_THAN_NOTHING:
             self._begin_anew()
-            n = _take(self._knowledge, self._evaluation, stamp_s, force_n)
+            n = self._learn()
         if n >= 0:
             self._fit_contact(stamp_s, n % RING, force_n, error_m)
+
+    def _learn(self) -> int:
+        """Learns from the reading; number of its sample, -1 if not learned from, or `WORSE_THAN_NOTHING`."""
+        n: int = self._kernels.learner_take(
+            self._knowledge.address, self._evaluation.address, self._reading.address
+        )
+        return n
 
     def _fit_contact(self, stamp_s: float, place: int, force_n: float, error_m: float) -> None:
         """Adds a sample to the fit of the contact, applies a finished fit, and starts one that is due.
@@ -145,10 +148,10 @@ class Learner:
         If the contact is lost, instead adds to `lost_n` and discards prior, model and all that was learned.
         `place`: of the sample in the ring; `error_m` is added to the expected position.
         """
-        x_m, v_m_s, a_m_s2 = self._evaluation["stage"][0, place].tolist()
+        x_m, v_m_s, a_m_s2 = self._evaluation.values["stage"][place].tolist()
         x_m += error_m
-        free_n = float(self._knowledge["forces"]["first_n"][0])
-        foretold_n = float(self._evaluation["contact_n"][0, place]) - free_n
+        free_n = float(self._knowledge.values["forces"]["first_n"])
+        foretold_n = float(self._evaluation.values["contact_n"][place]) - free_n
         contact = self._fit.contact
         if contact and self._lost_contact.judge(stamp_s, x_m, v_m_s, force_n - free_n, foretold_n, contact):
             self.lost_n.append(foretold_n)
@@ -162,9 +165,10 @@ class Learner:
                 contact = result.result()
                 self._fit.apply(contact)
                 if contact is not None:
-                    self._knowledge["blend"]["unexplained_n"] = contact.noise_n
+                    blend = self._knowledge.values["blend"]
+                    blend["unexplained_n"] = contact.noise_n
                     if contact.contradicted:
-                        self._knowledge["blend"]["taught"] = 0.0
+                        blend["taught"] = 0.0
                 self.fits += 1
                 self._fitting = None
         if self._fitting is None and (due := self._fit.due()) is not None:
@@ -172,10 +176,10 @@ class Learner:
 
     def publish(self) -> Snapshot:
         """Snapshot of all that is known now."""
-        learned = nothing_learned()
-        _publish(self._knowledge, learned)
-        learned["renewals"] = self.renewals
-        band_known = math.isfinite(float(learned["factor"][0]))
+        learned = Record(Learned)
+        self._kernels.learner_publish(self._knowledge.address, learned.address)
+        learned.values["renewals"] = self.renewals
+        band_known = math.isfinite(float(learned.values["factor"]))
         return Snapshot(learned, self._fit.contact, band_known, self._taught)
 
     @property
@@ -194,82 +198,6 @@ class Learner:
     @property
     def ratio(self) -> float:
         """rms of the prediction over that of the zero-order hold, of all forces so far; NaN before any."""
-        predicted_n2, zoh_n2 = (float(self._knowledge[name][0]) for name in ("predicted_n2", "zoh_n2"))
+        values = self._knowledge.values
+        predicted_n2, zoh_n2 = float(values["predicted_n2"]), float(values["zoh_n2"])
         return math.sqrt(predicted_n2 / zoh_n2) if zoh_n2 > 0.0 else math.nan
-
-
-@kernel
-def _moved_s(evaluations: Evaluations) -> float:
-    """Stamp of the newest motion."""
-    bank = evaluations[0].bank
-    return float(bank.t_s[(int(bank.count) - 1) % RING])
-
-
-@kernel
-def _take(knowledges: NDArray[np.void], evaluations: Evaluations, stamp: float, force_n: float) -> int:
-    """Learns from a force, and from one before that it confirms; returns the number of its sample.
-
-    Returns -1 if it was not learned from: taken before, not accepted, or its motion or prediction is not
-    known. Returns `_WORSE_THAN_NOTHING` after a trial that has failed.
-    """
-    knowledge, evaluation = knowledges[0], evaluations[0]
-    n = banks.find(evaluation.bank, stamp)
-    if n >= 0:
-        if knowledge.taken[n % RING] == n + 1.0:
-            return -1
-        knowledge.taken[n % RING] = n + 1.0
-    forces, learned = knowledge.forces, -1
-    for k in range(beliefs.admit(forces, stamp, force_n)):
-        n = banks.find(evaluation.bank, forces.admitted[k, 0])
-        if n >= 0 and forces.known >= beliefs.FIRST and not math.isnan(evaluation.force_n[n % RING]):
-            _learn(knowledge, evaluation, n, forces.admitted[k, 1])
-            learned = n if forces.admitted[k, 0] == stamp else learned
-    return learned if knowledge.trial.failed == 0.0 else _WORSE_THAN_NOTHING
-
-
-@kernel
-def _learn(knowledge: Knowledge, evaluation: Evaluation, n: int, force_n: float) -> None:
-    """Updates experts, trial, blend, band and error sums by the force of sample n and the predictions of it.
-
-    Experts and trial are left out after 2 s of rest. A change that is detected discounts experts and blend;
-    `trial.failed` is set if weights or theta are not finite.
-    """
-    bank, forces, i = evaluation.bank, knowledge.forces, n % RING
-    members_n, range_n = evaluation.members_n[i], forces.high_n - forces.low_n
-    h = min(max(bank.period_s, 1e-4), 0.05)
-    experts.renew_stops(knowledge.experts, bank.radii_m)
-    if not banks.at_rest(bank, n):
-        experts.learn(
-            knowledge.experts,
-            evaluation.rows[i],
-            bank.t_s[i],
-            force_n - members_n[ZOH],
-            force_n - forces.first_n,
-            h,
-        )
-        change_detection.judge(knowledge.trial, force_n, evaluation.force_n[i], members_n[ZOH], h)
-    knowledge.predicted_n2 += h * (force_n - evaluation.force_n[i]) ** 2
-    knowledge.zoh_n2 += h * (force_n - members_n[ZOH]) ** 2
-    blends.judge(knowledge.blend, members_n, force_n, range_n, h)
-    bands.learn(
-        knowledge.band, force_n - evaluation.force_n[i], evaluation.half_n[i], evaluation.scale_n[i], h
-    )
-    if change_detection.changed(knowledge.change, members_n[_PLAIN] - force_n, range_n, h):
-        experts.discount(knowledge.experts)
-        blends.discount(knowledge.blend)
-    if not (math.isfinite(knowledge.blend.weights[ZOH]) and math.isfinite(knowledge.experts.theta.sum())):
-        knowledge.trial.failed = 1.0
-
-
-@kernel
-def _publish(knowledges: NDArray[np.void], learneds: NDArray[np.void]) -> None:
-    """Copies into `learneds` what an evaluator needs, except `renewals`."""
-    knowledge, learned = knowledges[0], learneds[0]
-    forces, blend, band = knowledge.forces, knowledge.blend, knowledge.band
-    learned.known_s = blend.known_s
-    learned.largest_n, learned.reach_n = blend.largest_n, blend.reach_n
-    learned.first_n, learned.low_n, learned.high_n = forces.first_n, forces.low_n, forces.high_n
-    learned.recent_n, learned.factor = bands.recent_n(band), bands.factor(band)
-    learned.radii_m[:] = knowledge.experts.radii_m
-    learned.theta[:] = knowledge.experts.theta
-    learned.weights[:], learned.taught[:] = blend.weights, blend.taught

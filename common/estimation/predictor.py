@@ -1,7 +1,6 @@
 """Both sides of the predictor in one thread, as an evaluation of a recording uses them."""
 
-from functools import cache
-from math import inf, sin
+from math import inf
 
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.contact_prior import ContactPrior
@@ -59,19 +58,3 @@ class Predictor:
     def restart(self) -> None:
         self._last = (-inf, 0.0)
         self._evaluator.restart()
-
-
-@cache
-def compile_kernels() -> None:
-    """Compiles every kernel, or loads what an earlier process compiled; some 30 s the first time.
-
-    Takes 1.2 s of samples, so that a fit of the contact is computed and applied, too: the first one beside a
-    running loop held the interpreter for 0.2 s.
-    """
-    predictor = Predictor()
-    for n in range(300):
-        t_s = n * 4e-3
-        position_m = 0.01 * sin(5.0 * t_s)
-        predictor.observe(t_s - 12e-3, position_m)
-        predictor.move(t_s, position_m)
-        predictor.predict()

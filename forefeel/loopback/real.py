@@ -23,10 +23,8 @@ if TYPE_CHECKING:
     from forefeel.recorder import Recorder
 
 _POLL_S = 0.1  # s between two looks at the processes
-_START_S = 300.0
-"""A daemon that ends is noticed at once. One that compiles its kernels for the first time needs half a
-minute, and was seen to need more than two beside 20 other busy processes.
-"""
+_START_S = 60.0
+"""A daemon that ends is noticed at once. One is ready after a second, or half a minute on a busy host."""
 _RELEASE_S = 1.0  # s that the release may take to reach the slave
 
 

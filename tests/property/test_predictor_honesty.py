@@ -49,7 +49,7 @@ def everything(x: Array, f: Array, delay: int, known: str) -> Everything:
         if (estimate := predictor.predict()) is not None:
             said[n], leading[n] = estimate[:3], estimate.leading
     # read when every force has come: what an expert is judged by is what it said before
-    return Everything(said, predictor._evaluator.record[0]["members_n"][:COUNT].copy(), tuple(leading))
+    return Everything(said, predictor._evaluator.record.values["members_n"][:COUNT].copy(), tuple(leading))
 
 
 ORIGINALS = {

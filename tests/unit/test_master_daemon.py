@@ -20,9 +20,6 @@ class Bench:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.handles = [FakeHandle() for _ in AXES]
         left = iter(self.handles)
-        monkeypatch.setattr(
-            "forefeel.master.daemon.compile_kernels", lambda: None
-        )  # nothing is predicted here
         monkeypatch.setattr("forefeel.master.daemon.make_handle", lambda *_: next(left))
         self.runtime, self.book = VirtualRuntime(), Book()
         self.network = MemoryBus()

@@ -143,7 +143,7 @@ def test_a_force_that_says_nothing_of_the_contact_is_counted_and_not_learned_fro
         master.step(sample)
         master.learn([sample])
     assert (master.task.used, master.task.unused) == (0, 1000)
-    assert not master.task.snapshot.learned["theta"].any()
+    assert not master.task.snapshot.learned.values["theta"].any()
 
 
 def test_a_queue_that_overflows_drops_the_oldest_and_counts_them() -> None:

@@ -50,8 +50,8 @@ def test_no_prediction_is_further_from_the_newest_force_than_the_reach() -> None
             evaluator.hear(sample.t[n - 60], sample.f[n - 60])
             learner.take(sample.t[n - 60], sample.f[n - 60])
         evaluator.snapshot = learner.publish()
-        learned_n = float(evaluator.snapshot.learned["reach_n"][0])
-        evaluator.snapshot.learned["reach_n"] = 0.01
+        learned = evaluator.snapshot.learned.values
+        learned_n, learned["reach_n"] = float(learned["reach_n"]), 0.01
         evaluator.move(sample.t[n], sample.x[n], sample.x[n], 0.0)
         said = evaluator.predict()
         if said is not None:

@@ -15,7 +15,8 @@ from forefeel.common.estimation.bank import (
     FIRST_STOP,
     STOPS,
 )
-from forefeel.common.jit import Array, record, zeros
+from forefeel.common.kernels.record import Array, Record
+from tests.unit.inner_kernels import call, count, number
 
 H_S = 5e-3
 
@@ -27,12 +28,12 @@ def rows_and_forces(count: int = 400) -> tuple[Array, Array, Array]:
     return rows, rng.standard_normal(count), 1.0 + rng.standard_normal(count)
 
 
-def learned(rows: Array, steps_n: Array, forces_n: Array) -> NDArray[np.void]:
-    learning = zeros(record(experts.Learning))
-    experts.begin(learning)
+def learned(rows: Array, steps_n: Array, forces_n: Array) -> Record:
+    learning = Record(experts.Learning)
+    experts.begin(learning.values)
     for n in range(len(rows)):
-        experts.learn(learning[0], rows[n], n * H_S, steps_n[n], forces_n[n], H_S)
-    experts.solve(learning[0])
+        call("learn_experts", learning, rows[n], n * H_S, float(steps_n[n]), float(forces_n[n]), H_S)
+    call("solve", learning)
     return learning
 
 
@@ -64,19 +65,19 @@ class TestExperts:
         usual[stops] = np.maximum(usual[stops], 0.3)
         ridge = rho_s * shares[list(columns)] * usual
         expected = np.linalg.solve(information + np.diag(ridge), moments)
-        theta = learned(rows, *targets)[0]["theta"][experts.NAMES.index(name)][columns]
+        theta = learned(rows, *targets).values["theta"][experts.NAMES.index(name)][columns]
         np.testing.assert_allclose(z @ theta, z @ expected, atol=1e-6)
 
     def test_each_expert_starts_where_it_says_and_goes_no_further_than_its_reach(self) -> None:
         rows, steps_n, forces_n = rows_and_forces()
-        theta = learned(rows, steps_n, forces_n)[0]["theta"]
+        theta = learned(rows, steps_n, forces_n).values["theta"]
         said_n = np.zeros(len(experts.NAMES))
-        experts.predict(said_n, theta, rows[7], 5.0, 2.0, 1e9, 1e9)
+        call("predict_experts", said_n, theta, rows[7], 5.0, 2.0, 1e9, 1e9)
         changes_n = theta @ rows[7]
         odd_n = theta[experts.ODD][1:FIRST_RELAXATION] @ rows[7][experts.STEP :]
         bases_n = np.where(np.arange(5) == experts.PLAIN, 2.0, 5.0)
         np.testing.assert_allclose(said_n, bases_n + np.where(np.arange(5) == experts.ODD, odd_n, changes_n))
-        experts.predict(said_n, 1e9 * theta, rows[7], 5.0, 2.0, 0.1, 0.2)
+        call("predict_experts", said_n, 1e9 * theta, rows[7], 5.0, 2.0, 0.1, 0.2)
         np.testing.assert_allclose(np.abs(said_n - bases_n), [0.13, 0.13, 0.13, 0.26, 0.4])
 
     def test_a_stop_that_has_another_radius_is_forgotten_and_the_rest_is_not(self) -> None:
@@ -84,55 +85,57 @@ class TestExperts:
         radii_m = np.zeros(STOPS)
         radii_m[2] = 1e-3
         renewed, rest = learned(rows, steps_n, forces_n), rows.copy()
-        experts.renew_stops(renewed[0], radii_m)
-        experts.solve(renewed[0])
-        experts.clear_stop(rest, 2)
-        expected = learned(rest, steps_n, forces_n)
-        np.testing.assert_allclose(renewed[0]["theta"], expected[0]["theta"], rtol=1e-6, atol=1e-12)
+        call("renew_stops", renewed, radii_m)
+        call("solve", renewed)
+        call("clear_stop", rest, len(rest), 2)
+        expected = learned(rest, steps_n, forces_n).values["theta"]
+        np.testing.assert_allclose(renewed.values["theta"], expected, rtol=1e-6, atol=1e-12)
 
     def test_a_kick_leaves_the_weight_of_a_fifth_of_a_second(self) -> None:
-        learning = learned(*rows_and_forces())[0]
-        before = np.array(learning["information"])
-        experts.discount(learning)
-        assert learning["weight_s"] == pytest.approx(0.2)
-        shares = learning["information"][0, 0] / before[0, 0]
+        learning = learned(*rows_and_forces())
+        before = np.array(learning.values["information"])
+        call("discount_experts", learning)
+        assert learning.values["weight_s"] == pytest.approx(0.2)
+        shares = learning.values["information"][0, 0] / before[0, 0]
         assert shares == pytest.approx(0.2 / 2.0, rel=0.02)
 
 
 def test_weights_are_the_fourth_power_of_the_losses_seen() -> None:
     rng = np.random.default_rng(0)
-    blend = zeros(record(blends.Blend))
-    blends.begin(blend, taught=True)
-    count, h, zoh_n, range_n = blends.MEMBERS, 0.019, 0.5, 3.0
-    errors = rng.standard_normal((300, count)) * np.linspace(0.1, 2.0, count)
+    blend = Record(blends.Blend)
+    blends.begin(blend.values, taught=True)
+    members, h, zoh_n, range_n = blends.MEMBERS, 0.019, 0.5, 3.0
+    errors = rng.standard_normal((300, members)) * np.linspace(0.1, 2.0, members)
     errors[:, blends.ZOH] = zoh_n * np.linspace(1.0, 2.0, 300)
     errors[:, 2] = np.nan  # one that says nothing
     for n in range(300):
-        blends.judge(blend[0], 1.0 + errors[n], 1.0, range_n, h)
+        call("judge_blend", blend, 1.0 + errors[n], 1.0, range_n, h)
     squares = np.where(np.isnan(errors), errors[:, :1], errors) ** 2
-    taught = np.arange(count) >= blends.CONTACT
+    taught = np.arange(members) >= blends.CONTACT
     zoh2, losses = errors[:, 0] ** 2, squares.copy()
     for n in range(300):
         fading = np.exp(-np.arange(n + 1)[::-1] * h / 8.0)
         cap = (0.8 * (1 + (n + 1) * h / 10.0)) ** 2 * max(zoh2[n], fading @ zoh2[: n + 1] / fading.sum())
         losses[n, ~taught] = np.minimum(squares[n, ~taught], cap)
-    v = np.zeros(count)
+    v = np.zeros(members)
     for memory_s, share in ((2.0, 0.7), (8.0, 0.3)):
         fading = np.exp(-np.arange(300)[::-1] * h / memory_s)
         v += share * (fading @ losses) / fading.sum()
     largest = 2 * zoh_n
     v += (0.003 * largest) ** 2
     cold = (0.1 * largest) ** 2 / (1 + zoh2.sum() * h / (0.1 * largest**2) + (5.7 / 6.0) ** 2)
-    v += cold * ((np.arange(count) != blends.FIRST + experts.ODD) & ~taught)
+    v += cold * ((np.arange(members) != blends.FIRST + experts.ODD) & ~taught)
     expected = v**-4 * (1 + 10 * taught / (1 + (5.7 / 6.0) ** 2))
     expected /= expected.sum()
-    np.testing.assert_allclose(blend["weights"][0], expected, rtol=1e-9)
+    np.testing.assert_allclose(blend.values["weights"], expected, rtol=1e-9)
     early = np.arange(1, 301) * h < 5.0
     shares = -np.expm1(-h / np.minimum(np.arange(1, 301) * h / 4.0, 2.0))
     left = np.append(np.cumprod(1.0 - shares[:0:-1])[::-1], 1.0)
     reach_n = (shares * left) @ np.maximum(np.abs(errors[:, 0]), range_n * early)
-    assert blend["reach_n"][0] == pytest.approx(reach_n, rel=1e-9)
-    force_n, variance_n2, leading = blends.mean(expected, 1.0 + errors[299])
+    assert blend.values["reach_n"] == pytest.approx(reach_n, rel=1e-9)
+    mean = np.empty(3)
+    call("blend_mean", expected, 1.0 + errors[299], mean)
+    force_n, variance_n2, leading = mean.tolist()
     speaking = np.where(np.isnan(errors[299]), 0.0, expected) / np.sum(expected[~np.isnan(errors[299])])
     said = np.nan_to_num(1.0 + errors[299])
     assert force_n == pytest.approx(speaking @ said, rel=1e-12)
@@ -143,15 +146,15 @@ def test_weights_are_the_fourth_power_of_the_losses_seen() -> None:
 class TestBand:
     def covered(self, errors: Array, w: float, late: int = 60) -> NDArray[np.bool_]:
         """Which errors are inside, when each is seen only `late` samples after its band was given."""
-        band = zeros(record(bands.Band))
-        bands.begin(band)
+        band = Record(bands.Band)
+        bands.begin(band.values)
         given: list[tuple[float, float]] = []
         inside = np.zeros(len(errors), dtype=np.bool_)
         for n, error in enumerate(errors.tolist()):
             if n >= late:
-                bands.learn(band[0], float(errors[n - late]), *given[n - late], w)
-            scale_n = bands.scale_n(bands.recent_n(band[0]), 0.0, 0.0, 1.0)
-            half_n = scale_n * bands.factor(band[0])
+                call("learn_band", band, float(errors[n - late]), *given[n - late], w)
+            scale_n = number("band_scale_n", number("recent_n", band), 0.0, 0.0, 1.0)
+            half_n = scale_n * number("band_factor", band)
             given.append((half_n, scale_n))
             inside[n] = abs(error) <= half_n
         return inside
@@ -171,27 +174,27 @@ class TestBand:
     def test_the_early_errors_of_learning_are_not_held_against_it_for_long(self) -> None:
         rng = np.random.default_rng(4)
         errors = rng.standard_normal(4000) * np.where(np.arange(4000) < 300, 50.0, 1.0)
-        band = zeros(record(bands.Band))
-        bands.begin(band)
+        band = Record(bands.Band)
+        bands.begin(band.values)
         half_n = scale_n = 1.0
         for error in errors.tolist():
-            bands.learn(band[0], error, half_n, scale_n, 5e-3)
-            scale_n = bands.scale_n(bands.recent_n(band[0]), 0.0, 0.0, 1.0)
-            half_n = scale_n * bands.factor(band[0])
+            call("learn_band", band, error, half_n, scale_n, 5e-3)
+            scale_n = number("band_scale_n", number("recent_n", band), 0.0, 0.0, 1.0)
+            half_n = scale_n * number("band_factor", band)
         assert half_n == pytest.approx(1.96, rel=0.25)
 
     def test_the_quantile_is_numpys(self) -> None:
         scores = np.abs(np.random.default_rng(6).standard_t(4, 1000))
-        band = zeros(record(bands.Band))
+        band = Record(bands.Band)
         for score in scores.tolist():
-            bands.learn(band[0], score, np.inf, 1.0, 1e-6)
-        assert bands.factor(band[0]) == pytest.approx(np.quantile(scores, 0.95), rel=0.05)
+            call("learn_band", band, score, np.inf, 1.0, 1e-6)
+        assert number("band_factor", band) == pytest.approx(np.quantile(scores, 0.95), rel=0.05)
 
 
 class TestChange:
     def kicks(self, errors: Array) -> list[int]:
-        change = zeros(record(change_detection.Change))[0]
-        return [n for n, e in enumerate(errors.tolist()) if change_detection.changed(change, e, 1.0, 0.01)]
+        change = Record(change_detection.Change)
+        return [n for n, e in enumerate(errors.tolist()) if count("changed", change, e, 1.0, 0.01)]
 
     def test_one_change_is_one_kick_within_a_second(self) -> None:
         errors = np.random.default_rng(0).standard_normal(8000) * np.where(np.arange(8000) < 4000, 0.01, 0.5)

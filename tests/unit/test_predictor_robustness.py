@@ -136,7 +136,7 @@ def of_experts(sample: Sample) -> Array:
             predictor.observe(sample.t[n - 60], sample.f[n - 60])
         predictor.move(sample.t[n], sample.x[n])
         predictor.predict()
-    said_n: Array = predictor._evaluator.record[0]["members_n"][:1500, : blends.CONTACT]
+    said_n: Array = predictor._evaluator.record.values["members_n"][:1500, : blends.CONTACT]
     return said_n
 
 
@@ -187,3 +187,19 @@ def test_nothing_is_said_before_both_a_force_and_a_motion() -> None:
     only_motion = Predictor()
     only_motion.move(0.0, 0.1)
     assert only_motion.predict() is None
+
+
+def test_after_a_sensors_garbage_the_predictor_begins_anew_and_beats_the_hold() -> None:
+    garbage = (SAMPLE.t > 4.0) & (SAMPLE.t < 7.0)
+    forces_n = np.where(garbage, 1e6 * np.sin(700.0 * SAMPLE.x), SAMPLE.f)
+    predictor, said_n = Predictor(), np.full_like(SAMPLE.f, np.nan)
+    for n in range(len(SAMPLE.t)):
+        if n >= 60:
+            predictor.observe(SAMPLE.t[n - 60], forces_n[n - 60])
+        predictor.move(SAMPLE.t[n], SAMPLE.x[n])
+        if (estimate := predictor.predict()) is not None:
+            said_n[n] = estimate.force_n
+    assert predictor.learner.renewals > 0
+    errors_n = np.stack((said_n - SAMPLE.f, np.roll(SAMPLE.f, 60) - SAMPLE.f))[:, SAMPLE.t > 15.0]
+    predicted_n, held_n = np.sqrt(np.mean(errors_n**2, axis=1))
+    assert predicted_n < 0.5 * held_n

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from forefeel.common.estimation import bank as banks
 from forefeel.common.estimation.bank import (
     FIRST_DIFFERENCE,
     FIRST_NONLINEAR,
@@ -17,17 +16,22 @@ from forefeel.common.estimation.bank import (
     STOPS,
 )
 from forefeel.common.estimation.evaluator import Evaluator
-from forefeel.common.jit import Array
+from forefeel.common.kernels.record import Array
+from tests.unit.inner_kernels import count
 
 RNG = np.random.default_rng(3)
 TIME_S = np.cumsum(RNG.uniform(0.8e-3, 1.2e-3, 3000))
 
 
-def bank_of(t: NDArray[np.floating[Any]], x: NDArray[np.floating[Any]]) -> Any:  # noqa: ANN401 - a record
+def moved(t: NDArray[np.floating[Any]], x: NDArray[np.floating[Any]]) -> Evaluator:
     evaluator = Evaluator()
     for stamp, position in zip(t.tolist(), x.tolist(), strict=True):
         evaluator.move(stamp, position, position, 0.0)
-    return evaluator.record["bank"][0]
+    return evaluator
+
+
+def bank_of(t: NDArray[np.floating[Any]], x: NDArray[np.floating[Any]]) -> Any:  # noqa: ANN401 - a record
+    return moved(t, x).record.values["bank"]
 
 
 def test_differences_are_the_derivatives_of_a_cubic_at_irregular_stamps() -> None:
@@ -107,8 +111,8 @@ def test_bias_position_and_powers() -> None:
 
 
 def test_finding_a_sample_by_its_stamp() -> None:
-    bank = bank_of(TIME_S, np.sin(TIME_S))
-    assert [banks.find(bank, float(TIME_S[k])) for k in (0, 1, 77, 2999)] == [0, 1, 77, 2999]
+    record = moved(TIME_S, np.sin(TIME_S)).record
+    assert [count("find", record, float(TIME_S[k])) for k in (0, 1, 77, 2999)] == [0, 1, 77, 2999]
     for stamp in (float(TIME_S[5]) + 2e-4, -1.0, 1e9):
-        assert banks.find(bank, stamp) == -1
-    assert bank["count"] == 3000
+        assert count("find", record, stamp) == -1
+    assert record.values["bank"]["count"] == 3000

@@ -1,0 +1,107 @@
+"""Writes state.h, `python -m forefeel.common.kernels.header`: a struct for each Protocol of a record, and the
+constants that Python and C share, which are Python's.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated, get_origin, get_type_hints
+
+from forefeel.common.estimation import band, bank, blend, experts, forces, learner, state_filter
+from forefeel.common.estimation.evaluator import Evaluation, Learned, OwnMotion, Predicted, Reading
+from forefeel.common.estimation.learner import Knowledge
+from forefeel.common.kernels.build import FOLDER
+
+PATH = FOLDER / "state.h"
+_RECORDS = Evaluation, Learned, Knowledge, OwnMotion, Reading, Predicted
+_WIDTH = 110
+
+
+def header() -> str:
+    """Text of state.h."""
+    structs = _structs()
+    sizes = [f'{{"{name}", sizeof({name})}}' for name in structs]
+    return "\n".join(
+        (
+            "/* Written by header.py; change the Protocols and constants of ../estimation. */",
+            "#pragma once",
+            "",
+            *_wrapped("enum { ", [f"{name} = {value}" for name, value in _counts().items()], " };"),
+            *(f"static const double {name} = {value!r};" for name, value in _numbers().items()),
+            *(f"static const {kind} {name}[] = {{{values}}};" for kind, name, values in _lists()),
+            "",
+            *(f"typedef struct {{\n{members}\n}} {name};\n" for name, members in structs.items()),
+            *_wrapped("static const struct { const char *name; long size; } RECORDS[] = { ", sizes, " };"),
+            "",
+        )
+    )
+
+
+def _counts() -> Mapping[str, int]:
+    """Lengths and places."""
+    firsts = "FIRST_STOP", "FIRST_RELAXATION", "FIRST_DIFFERENCE", "FIRST_NONLINEAR"
+    return {
+        **{name: getattr(bank, name) for name in ("RING", "STOPS", "COUNT", *firsts)},
+        "RELAXATIONS": len(bank.RELAXATIONS_S),
+        "DIFFERENCES": len(bank.SPANS),
+        **{name: getattr(experts, name) for name in ("THEN", "HELD", "PAST", "STEP", "ROW", "PLAIN", "ODD")},
+        "LAGS": len(experts.LAGS_S),
+        "EXPERTS": len(experts.NAMES),
+        "MEMBERS": blend.MEMBERS,
+        "ZOH": blend.ZOH,
+        "FIRST_EXPERT": blend.FIRST,
+        "CONTACT": blend.CONTACT,
+        "FIRST_FORCES": forces.FIRST,
+        "BINS": band.BINS,
+        "ZERO_BIN": band.ZERO_BIN,
+        "PER_OCTAVE": band.PER_OCTAVE,
+        "WORSE_THAN_NOTHING": learner.WORSE_THAN_NOTHING,
+    }
+
+
+def _numbers() -> Mapping[str, float]:
+    return {"GAP_S": state_filter.GAP_S, "NO_OCTAVE": bank.NO_OCTAVE}
+
+
+def _lists() -> Iterator[tuple[str, str, str]]:
+    for kind, name, values in (
+        ("int", "SPANS", bank.SPANS),
+        ("double", "RELAXATIONS_S", bank.RELAXATIONS_S),
+        ("double", "LAGS_S", experts.LAGS_S),
+    ):
+        yield kind, name, ", ".join(map(repr, values))
+
+
+def _structs() -> dict[str, str]:
+    """Members of each struct, those that others have before them."""
+    structs: dict[str, str] = {}
+
+    def add(of: type) -> None:
+        members = []
+        for name, hint in get_type_hints(of, include_extras=True).items():
+            if hint is float:
+                members.append(f"    double {name};")
+            elif get_origin(hint) is Annotated:
+                members.append(f"    double {name}" + "".join(f"[{n}]" for n in hint.__metadata__) + ";")
+            else:
+                add(hint)
+                members.append(f"    {hint.__name__} {name};")
+        structs.setdefault(of.__name__, "\n".join(members))
+
+    for record in _RECORDS:
+        add(record)
+    return structs
+
+
+def _wrapped(start: str, items: list[str], end: str) -> Iterator[str]:
+    """Lines of at most `_WIDTH` characters."""
+    line = start
+    for n, item in enumerate(items):
+        text = item + (", " if n < len(items) - 1 else end)
+        if len(line + text) > _WIDTH:
+            yield line.rstrip()
+            line = "    "
+        line += text
+    yield line
+
+
+if __name__ == "__main__":
+    PATH.write_text(header(), encoding="ascii")
