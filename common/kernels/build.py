@@ -1,5 +1,6 @@
-"""Builds libkernels.so of the C files beside this one: `python common/kernels/build.py`. With --check it says by
-its exit code whether the library is of these files, and builds nothing.
+"""Builds libkernels.so of the C files beside this one: `python common/kernels/build.py`.
+
+With --check it builds nothing; exit code 1: the library is not there or is of other sources.
 
 The compiler is $CC, else cc, else the one of the Python package ziglang. Neither Python.h nor anything beyond
 the standard library is needed: make and setup.py load this file by its path before the package is installed.
@@ -45,7 +46,7 @@ def compiler() -> list[str]:
     Raises:
         BuildError: there is none.
     """
-    if command := os.environ.get("CC"):
+    if command := os.getenv("CC"):
         return shlex.split(command)
     if shutil.which("cc"):
         return ["cc"]
@@ -64,13 +65,11 @@ def build(target: Path) -> str:
     command = compiler()
     with TemporaryDirectory(dir=target.parent) as folder:
         library = Path(folder) / target.name
-        arguments = [
-            *FLAGS, f'-DSOURCES_SHA256="{sources_sha256(FOLDER)}"', *shlex.split(os.environ.get("CFLAGS", "")),
-            "-o", str(library), str(FOLDER / "kernels.c"), "-lm",
-        ]  # fmt: skip
+        flags = [*FLAGS, f'-DSOURCES_SHA256="{sources_sha256(FOLDER)}"', *shlex.split(os.getenv("CFLAGS", ""))]
+        files = ["-o", str(library), str(FOLDER / "kernels.c"), "-lm"]
         caches = {"ZIG_GLOBAL_CACHE_DIR": folder, "ZIG_LOCAL_CACHE_DIR": folder}
         try:
-            subprocess.run([*command, *arguments], env=caches | os.environ, check=True)
+            subprocess.run([*command, *flags, *files], env=caches | os.environ, check=True)
         except OSError as error:
             raise BuildError(f"{command[0]}: {error.strerror}: apt-get install gcc") from None
         except subprocess.CalledProcessError:
