@@ -86,7 +86,7 @@ sanitize: $(READY) ## address and undefined behaviour over the kernels' tests an
 	cp -a common forefeel master slave tests pyproject.toml out/sanitize
 	CFLAGS='-g -fsanitize=address,undefined -fno-sanitize-recover=all' $(BIN)/python out/sanitize/common/kernels/build.py
 	cd out/sanitize && export LD_PRELOAD="$(RUNTIME)" ASAN_OPTIONS=detect_leaks=0 && \
-	$(abspath $(BIN)/python) -m tests.random_kernel_calls 10000 && \
+	$(abspath $(BIN)/python) -m tests.random_kernel_calls 10000 1 && \
 	$(abspath $(BIN)/python) -m pytest -p no:cacheprovider $$(grep -lE 'common\.(kernels|estimation)' tests/unit/*.py tests/property/*.py)
 
 format: $(READY) ## format the code

@@ -1,4 +1,4 @@
-"""Random calls of the predictor's kernels, of `make sanitize`: python -m tests.random_kernel_calls COUNT [SEED].
+"""Random calls of the predictor's kernels for `make sanitize`: python -m tests.random_kernel_calls COUNT SEED.
 
 Results are not compared. A sanitizer ends the process at an access outside a record or undefined arithmetic.
 """
@@ -60,4 +60,4 @@ def main(count: int, seed: int) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), int(sys.argv[2]) if len(sys.argv) > 2 else 1)
+    main(*map(int, sys.argv[1:]))
