@@ -1,4 +1,4 @@
-"""Random calls of the predictor's kernels for `make sanitize`: python -m tests.random_kernel_calls COUNT SEED.
+"""Random calls of the kernels for the sanitizers: `python -m tests.random_kernel_calls COUNT SEED`.
 
 Results are not compared. A sanitizer ends the process at an access outside a record or undefined arithmetic.
 """

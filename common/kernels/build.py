@@ -74,7 +74,7 @@ def build(target: Path) -> str:
         except OSError as error:
             raise BuildError(f"{command[0]}: {error.strerror}: apt-get install gcc") from None
         except subprocess.CalledProcessError:
-            raise BuildError(f"{shlex.join(command)} failed; no string.h: apt-get install libc6-dev") from None
+            raise BuildError(f"{command[0]} failed (no string.h: apt-get install libc6-dev)") from None
         library.replace(target)  # a process that runs keeps the library that it has loaded
     return shlex.join(command)
 
