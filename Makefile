@@ -80,11 +80,11 @@ fuzz: $(READY) ## 100,000 byte strings for every parser
 	$(BIN)/python -m pytest -m fuzz -s --timeout 900
 
 # a copy, for only a preloaded sanitizer can load such a library; leaks are Python's
-RUNTIME = $$(for name in asan ubsan stdc++; do cc -print-file-name=lib$$name.so; done)
+RUNTIME = $$(for name in asan ubsan stdc++; do cc -print-file-name=lib$$name.so; done | paste -sd:)
 sanitize: $(READY) ## address and undefined behaviour over the kernels' tests and 10,000 random calls (gcc)
 	rm -rf out/sanitize && mkdir -p out/sanitize
 	cp -a common forefeel master slave tests pyproject.toml out/sanitize
-	CFLAGS='-g -fsanitize=address,undefined -fno-sanitize-recover=all' $(BIN)/python out/sanitize/common/kernels/build.py
+	CFLAGS='-g -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all' $(BIN)/python out/sanitize/common/kernels/build.py
 	cd out/sanitize && export LD_PRELOAD="$(RUNTIME)" ASAN_OPTIONS=detect_leaks=0 && \
 	$(abspath $(BIN)/python) -m tests.random_kernel_calls 10000 1 && \
 	$(abspath $(BIN)/python) -m pytest -p no:cacheprovider $$(grep -lE 'common\.(kernels|estimation)' tests/unit/*.py tests/property/*.py)
@@ -93,7 +93,7 @@ format: $(READY) ## format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-wheel: $(READY) ## dist: wheels for every Python on Linux with glibc 2.17, x86_64 and aarch64
+wheel: $(DEMO) ## dist: wheels for every Python on Linux with glibc 2.17, x86_64 and aarch64
 	rm -rf build
 	$(INSTALL_ZIG)
 	for machine in x86_64 aarch64; do CC="$(abspath $(BIN)/python) -m ziglang cc -target $$machine-linux-gnu.2.17" \
