@@ -83,7 +83,7 @@ fuzz: $(READY) ## 100,000 byte strings for every parser
 RUNTIME = $$(for name in asan ubsan stdc++; do cc -print-file-name=lib$$name.so; done | paste -sd:)
 sanitize: $(READY) ## address and undefined behaviour over the kernels' tests and 10,000 random calls (gcc)
 	rm -rf out/sanitize && mkdir -p out/sanitize
-	cp -a common forefeel master slave tests pyproject.toml out/sanitize
+	cp -a common docs forefeel master slave tests pyproject.toml out/sanitize
 	CFLAGS='-g -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all' $(BIN)/python out/sanitize/common/kernels/build.py
 	cd out/sanitize && export LD_PRELOAD="$(RUNTIME)" ASAN_OPTIONS=detect_leaks=0 && \
 	$(abspath $(BIN)/python) -m tests.random_kernel_calls 10000 1 && \
