@@ -7,28 +7,37 @@ DEMO := $(VENV)/.demo
 READY := $(VENV)/.ready
 # bytecode of what is used comes with its first use: that of all would take half of the time and 100 MB
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+BUILD := $(BIN)/python common/kernels/build.py
+INSTALL_ZIG := $(PIP) --require-hashes -r deploy/lock/compiler.txt
+REMOVE_ZIG := $(BIN)/python -m pip uninstall --quiet --disable-pip-version-check --yes ziglang
 
 # one thread for linear algebra in each of two test processes; bytecode is kept, or each start compiles anew
 test system: export OPENBLAS_NUM_THREADS := 1
 demo test system: export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help demo test check docs bench hidden-effects system fuzz format lock clean
+.PHONY: help kernels demo test check docs bench hidden-effects system fuzz sanitize format wheel lock clean
 
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
 
-$(DEMO): deploy/lock/demo.txt pyproject.toml
+$(BIN)/pip:
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { echo "make: $(PYTHON) has no venv; type: sudo apt-get install python3-venv"; exit 2; }
 	$(PYTHON) -m venv $(VENV)
+
+# without a compiler, ziglang (400 MB) is in the environment for as long as the build takes
+kernels: | $(BIN)/pip ## the C library of common/kernels, where it is not of these sources
+	@$(BUILD) --check || { \
+	[ "$$CC" ] || command -v cc >/dev/null || { $(INSTALL_ZIG) && zig=yes; }; \
+	$(BUILD); status=$$?; [ -z "$$zig" ] || $(REMOVE_ZIG); exit $$status; }
+
+$(DEMO): deploy/lock/demo.txt pyproject.toml setup.py | kernels
 	$(PIP) --require-hashes -r deploy/lock/demo.txt
 	rm -rf forefeel.egg-info  # an old one hides new entry points
 	$(PIP) --no-deps --no-build-isolation --editable .
 	@touch $@
 
-$(READY): $(DEMO) deploy/lock/dev.txt
+$(READY): $(DEMO) deploy/lock/dev.txt | kernels
 	$(PIP) --require-hashes -r deploy/lock/dev.txt
-	$(BIN)/python -c 'from forefeel.common.estimation.predictor import compile_kernels; compile_kernels()'
-	$(BIN)/python -c 'from forefeel.common.causes.registry import compile_kernels; compile_kernels()'
 	@touch $@
 
 demo: $(DEMO) ## a minute and a half on this machine, live at 127.0.0.1:8600, report in out/demo
@@ -70,16 +79,34 @@ system: $(READY) ## as root, by hand: faults, attacks, signals, soak, page (45 m
 fuzz: $(READY) ## 100,000 byte strings for every parser
 	$(BIN)/python -m pytest -m fuzz -s --timeout 900
 
+# a copy, for only a preloaded sanitizer can load such a library; leaks are Python's
+RUNTIME = $$(for name in asan ubsan stdc++; do cc -print-file-name=lib$$name.so; done | paste -sd:)
+sanitize: $(READY) ## address and undefined behaviour over the kernels' tests and 10,000 random calls (gcc)
+	rm -rf out/sanitize && mkdir -p out/sanitize
+	cp -a common docs forefeel master slave tests pyproject.toml out/sanitize
+	CFLAGS='-g -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all' $(BIN)/python out/sanitize/common/kernels/build.py
+	cd out/sanitize && export LD_PRELOAD="$(RUNTIME)" ASAN_OPTIONS=detect_leaks=0 && \
+	$(abspath $(BIN)/python) -m tests.random_kernel_calls 10000 1 && \
+	$(abspath $(BIN)/python) -m pytest -p no:cacheprovider $$(grep -lE 'common\.(kernels|estimation)' tests/unit/*.py tests/property/*.py)
+
 format: $(READY) ## format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-LOCK = $(BIN)/uv pip compile pyproject.toml --python-version 3.11 --universal --generate-hashes --upgrade \
+wheel: $(DEMO) ## dist: wheels for every Python on Linux with glibc 2.17, x86_64 and aarch64
+	rm -rf build
+	$(INSTALL_ZIG)
+	for machine in x86_64 aarch64; do CC="$(abspath $(BIN)/python) -m ziglang cc -target $$machine-linux-gnu.2.17" \
+	$(BIN)/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist . || exit; done
+	$(REMOVE_ZIG)
+
+LOCK = $(BIN)/uv pip compile --python-version 3.11 --universal --generate-hashes --upgrade \
 	--no-emit-index-url --no-header --no-annotate --quiet
 lock: $(READY) ## new versions of all packages with their hashes, deploy/lock
 	$(PIP) uv
-	$(LOCK) --extra demo -o deploy/lock/demo.txt
-	$(LOCK) --extra dev -c deploy/lock/demo.txt -o deploy/lock/dev.txt
+	$(LOCK) --group compiler -o deploy/lock/compiler.txt
+	$(LOCK) pyproject.toml --extra demo -o deploy/lock/demo.txt
+	$(LOCK) pyproject.toml --extra dev -c deploy/lock/demo.txt -o deploy/lock/dev.txt
 
 clean: ## remove the environment and results
-	rm -rf $(VENV) out build site *.egg-info
+	rm -rf $(VENV) out build dist site *.egg-info common/kernels/libkernels.so

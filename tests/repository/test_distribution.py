@@ -2,12 +2,18 @@ import subprocess
 import sys
 from pathlib import Path
 
+from forefeel.common.kernels.build import LIBRARY, is_current
+
 ROOT = Path(__file__).parents[2]
 
 
 def test_three_links_lead_from_the_package_to_top_level_folders() -> None:
     links = {path.name: str(path.readlink()) for path in (ROOT / "forefeel").rglob("*") if path.is_symlink()}
     assert links == {name: f"../{name}" for name in ("common", "master", "slave")}
+
+
+def test_make_and_an_editable_installation_leave_the_library_of_these_sources() -> None:
+    assert is_current(LIBRARY)
 
 
 def test_only_the_driver_that_is_named_is_imported() -> None:

@@ -11,7 +11,8 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 ROOT = Path(__file__).parents[2]
-PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+PYPROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
+PROJECT = PYPROJECT["project"]
 PIN = re.compile(
     r"^([\w.\-]+)==(\S+)(?: ; (.*?))? \\\n((?:    --hash=sha256:[0-9a-f]{64}(?: \\)?\n)+)", re.MULTILINE
 )
@@ -40,6 +41,12 @@ def test_what_is_asked_for_is_pinned(name: str) -> None:
     found = pins(name)
     for requirement in asked(name):
         assert requirement.specifier.contains(found[canonicalize_name(requirement.name)]), requirement
+
+
+def test_the_compiler_of_machines_without_one_is_pinned() -> None:
+    (asked_for,) = map(Requirement, PYPROJECT["dependency-groups"]["compiler"])
+    assert asked_for.specifier.contains(pins("compiler")[asked_for.name])
+    assert f'"{asked_for}"' in (ROOT / "setup.py").read_text()
 
 
 def test_the_tests_run_on_what_the_demo_runs_on() -> None:

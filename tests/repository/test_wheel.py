@@ -1,19 +1,22 @@
-"""The wheel, in a project whose own folders have the names of ours."""
+"""The wheel, in a project whose own folders have the names of ours; the library of kernels in it."""
 
 import os
+import platform
 import shutil
 import subprocess
 import sys
+import tarfile
 import zipfile
 from pathlib import Path
 
 import pytest
 
+from forefeel.common.kernels.build import LIBRARY, BuildError, compiler, sources_sha256
 from tests.commands.test_simulate import MODEL
 
 ROOT = Path(__file__).parents[2]
 OURS = "common", "master", "slave", "devices", "diagnosis", "studies", "tests"
-BUILT_FROM = ("pyproject.toml", "README.md", "LICENSE", "forefeel", "common", "master", "slave")
+BUILT_FROM = ("pyproject.toml", "setup.py", "README.md", "LICENSE", "forefeel", "common", "master", "slave")
 
 SCRIPT = """
 import sys
@@ -46,21 +49,61 @@ run()
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with what the wheel holds, as `pip install` lays it down."""
-    source, site = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("site")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of what a distribution is built from."""
+    source = tmp_path_factory.mktemp("source")
     for name in BUILT_FROM:
         if (ROOT / name).is_dir():
             shutil.copytree(ROOT / name, source / name, symlinks=True)
         else:
             shutil.copy(ROOT / name, source)
-    build = "from setuptools.build_meta import build_wheel; print(build_wheel('.'))"
+    return source
+
+
+def built(source: Path, kind: str) -> Path:
+    """The file that setuptools builds: a `wheel` or an `sdist`."""
+    build = f"from setuptools.build_meta import build_{kind}; print(build_{kind}('.'))"
     done = subprocess.run(
         [sys.executable, "-c", build], cwd=source, capture_output=True, text=True, check=True
     )
-    with zipfile.ZipFile(source / done.stdout.split()[-1]) as wheel:
-        wheel.extractall(site)
+    return source / done.stdout.split()[-1]
+
+
+@pytest.fixture(scope="module")
+def wheel(source: Path) -> Path:
+    try:
+        compiler()
+    except BuildError as error:
+        pytest.skip(str(error))
+    return built(source, "wheel")
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what the wheel holds, as `pip install` lays it down."""
+    site = tmp_path_factory.mktemp("site")
+    with zipfile.ZipFile(wheel) as file:
+        file.extractall(site)
     return site
+
+
+def test_one_wheel_for_every_python_of_a_platform(wheel: Path) -> None:
+    assert wheel.name == f"forefeel-0.2.0-py3-none-linux_{platform.machine()}.whl"
+
+
+def test_the_wheel_holds_the_library_and_its_sources(installed: Path) -> None:
+    kernels = installed / "forefeel" / "common" / "kernels"
+    assert sources_sha256(kernels) == sources_sha256(LIBRARY.parent)
+    assert sources_sha256(kernels).encode() in (kernels / LIBRARY.name).read_bytes()
+
+
+def test_the_source_distribution_holds_what_the_library_is_built_of(source: Path) -> None:
+    with tarfile.open(built(source, "sdist")) as file:
+        names = {Path(*Path(name).parts[1:]) for name in file.getnames()}
+    kernels = Path("forefeel", "common", "kernels")
+    made_of = {kernels / path.name for path in LIBRARY.parent.glob("*.[ch]")}
+    assert made_of | {Path("setup.py"), kernels / "build.py"} <= names
+    assert kernels / LIBRARY.name not in names
 
 
 def test_nothing_stands_beside_forefeel(installed: Path) -> None:
