@@ -69,7 +69,7 @@ def run_injected(loss: float, seconds: float, seed: int) -> RunReport:
     link = {"impairment": {"inbound": {"preset": _IMPAIRMENT, "loss": loss}, "seed": seed}}
     plan = replace(plan, slave=plan.slave | link, master=plan.master | link)
     with TemporaryDirectory(prefix="ff-") as folder:
-        run_real(plan, Path(folder), bar(seconds), {}, None)
+        run_real(plan, Path(folder), bar(seconds), {})
         return summarise(Run(Path(folder) / "recording.mcap"))
 
 

@@ -57,7 +57,7 @@ def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float =
 
         def tell(head: str, recording: Path | None = None) -> None:
             say(head)
-            viewer.tell(Scene(head=head, recording=recording, pages=pages))
+            viewer.show(Scene(head=head, recording=recording, pages=pages))
 
         tell(f"1 of 3: {duration_s:g} s in a vessel that nothing is known of, 300 ms away")
         first = recorded_run(options, first_out, viewer, overwrite=True)

@@ -1,8 +1,8 @@
-"""SIGINT, SIGTERM and SIGHUP alike end a command in order.
+"""SIGINT, SIGTERM and SIGHUP alike end a command in order: one flag, and one stack of clean-ups.
 
-Their handler raises nothing, for it may run inside a callback of a library that swallows what is raised.
-Where nothing has to be closed it ends the process in place (`ends_in_order`); in `signal_flag` the body looks
-whether a signal came. Before and after both the system ends the process.
+The handler raises nothing, for it may run inside a callback of a library that swallows what is raised. Where
+nothing has to be closed it ends the process in place (`ends_in_order`), else the body looks at the flag
+(`signal_flag`). Before and after both the system ends the process.
 """
 
 import atexit
@@ -13,34 +13,33 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import FrameType
 from typing import NoReturn
 
 from forefeel.common.errors import RunError
 from forefeel.terminal import flush, last_word
 
 SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
-_ONE_S = 0.5
-"""Signals within it are one: a terminal that closes sends SIGHUP twice, and so do impatient fingers."""
+_ONE_S = 0.5  # signals within it are one: a terminal that closes sends two, and so do impatient fingers
 
 
 class Stop:
-    """Signals that came, and what they end; `signal_flag` gives it."""
+    """Flag that the first signal sets, and the acts before the process ends; `signal_flag` gives it."""
 
     def __init__(self) -> None:
-        self.handlers: list[Callable[[], object] | None] = []
-        self.last: list[Callable[[], object]] = []
-        self.texts: list[Callable[[], str]] = []
-        self.begin()
-
-    def begin(self) -> None:
+        self.cleanups: list[Callable[[], str | None]] = []
+        self.on_signal: Callable[[], object] | None = self.end
         self.first_s: float | None = None
-        self.noticed = self.breaks = False
+        self.noticed = False
 
     def wanted(self) -> bool:
         """True once a signal came; who asks is taken to end in order."""
         self.noticed = self.first_s is not None
         return self.noticed
+
+    def check(self) -> None:
+        """Raises KeyboardInterrupt when a signal came: in a loop of ours, where that is safe."""
+        if self.wanted():
+            raise KeyboardInterrupt
 
     def polls(self, duration_s: float | None, every_s: float = 0.0) -> Iterator[None]:
         """Yields every so often, until a signal came or the duration is over; 0: at once again."""
@@ -50,41 +49,30 @@ class Stop:
             if every_s:
                 time.sleep(every_s)
 
-    def check(self) -> None:
-        """Raises KeyboardInterrupt when a signal came: in a loop of ours, where that is safe."""
-        if self.wanted():
-            raise KeyboardInterrupt
-
-    def handle(self, _number: int, _frame: FrameType | None) -> None:
-        """Handles a signal as the innermost body wants: raises KeyboardInterrupt in one of `breakable`, calls
-        its `on_signal`, or only sets `first_s`, the flag. Ends the process without a body, or at a second
-        signal in a body without `on_signal`. Ignores signals within 0.5 s after the first.
-        """
+    def handle(self, *_: object) -> None:
+        """Sets the flag and calls `on_signal`, or without one ends the process at a second signal."""
         now_s, again = time.monotonic(), self.first_s is not None
-        if self.first_s is not None and now_s - self.first_s < _ONE_S:
+        if self.first_s is None:
+            self.first_s = now_s
+        elif now_s - self.first_s < _ONE_S:
             return
-        self.first_s = self.first_s or now_s
-        on_signal = self.handlers[-1] if self.handlers else None
-        self.noticed = self.breaks or on_signal is not None
-        if self.breaks:
-            self.breaks = False
-            raise KeyboardInterrupt
-        if on_signal is not None:
-            on_signal()
-        elif again or not self.handlers:
+        if self.on_signal is not None:
+            self.noticed = True
+            self.on_signal()
+        elif again:
             self.end()
 
     def end(self) -> None:
-        """Ends the process at once with exit code 1: does the acts of `at_last`, the newest first, whatever
-        they raise, and prints the innermost text on what is left. Never returns; later signals kill.
+        """Ends the process at once with exit code 1, after the clean-ups, the newest first, whatever they
+        raise; prints the first text that one returns. Never returns; later signals kill.
         """
         for number in SIGNALS:
             signal.signal(number, signal.SIG_DFL)
-        text = self.texts[-1]() if self.texts else "interrupted"
-        for act in reversed(self.last):
+        texts: list[str | None] = []
+        for act in reversed(self.cleanups):
             with suppress(Exception):
-                act()
-        last_word(text)
+                texts.append(act())
+        last_word(next(filter(None, texts), "interrupted"))
         os._exit(1)
 
 
@@ -93,93 +81,77 @@ _stop = Stop()
 
 @contextmanager
 def signal_flag(on_signal: Callable[[], object] | None = None) -> Iterator[Stop]:
-    """Gives `Stop`, whose flag the first signal in the body sets (`wanted`, `check`); a second one ends the
-    process at once.
-
-    A signal that the body did not ask for ends the process after the outermost body, whose files are whole.
+    """Gives `Stop`, whose flag the first signal in the body sets; a second one ends the process at once. A
+    signal that the body did not ask for ends it after the outermost body, whose files are whole.
 
     Args:
         on_signal: called at each signal instead; no signal cuts such a body short. It is called wherever the
             main thread is, so it must not wait for anything.
     """
-    with _handler_installed():
-        _stop.handlers.append(on_signal)
-        try:
-            yield _stop
-        finally:
-            _stop.handlers.pop()
-        if _stop.first_s is not None and not _stop.noticed and not _stop.handlers:
-            _stop.end()
+    if signal.getsignal(signal.SIGINT) != _stop.handle:
+        _stop.first_s, _stop.noticed = None, False
+    outer, _stop.on_signal = _stop.on_signal, on_signal
+    numbers = [n for n in SIGNALS if n != signal.SIGHUP or signal.getsignal(n) != signal.SIG_IGN]  # `nohup`
+    before = {number: signal.signal(number, _stop.handle) for number in numbers}
+    try:
+        yield _stop
+    finally:
+        _stop.on_signal = outer
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    if _stop.first_s is not None and not _stop.noticed and outer == _stop.end:
+        _stop.end()
+
+
+def break_off() -> NoReturn:
+    """Raises KeyboardInterrupt, as `on_signal` of a body that waits for devices and persons in plain Python,
+    where nothing swallows it. No later signal cuts the end of that body short.
+    """
+    _stop.on_signal = lambda: None
+    raise KeyboardInterrupt
 
 
 @contextmanager
-def breakable(ended: str) -> Iterator[None]:
-    """Raises KeyboardInterrupt in the body at the first signal, and turns that into a RunError: for devices
-    and persons that are waited for in plain Python, where nothing swallows it. No later signal cuts the end
-    of the body short.
-
-    Raises:
-        RunError: a signal came; `ended` is its text.
+def at_last(act: Callable[[], str | None]) -> Iterator[None]:
+    """Calls `act` at the end of the body, whatever ends it, also a signal that ends the process in place, for
+    which `act` may return the last words; one that comes during the call repeats it.
     """
-    with signal_flag(lambda: None):
-        _stop.breaks = True
-        try:
-            yield
-        except KeyboardInterrupt:
-            raise RunError(ended) from None
-        finally:
-            _stop.breaks = False
-
-
-@contextmanager
-def at_last(act: Callable[[], object]) -> Iterator[None]:
-    """Calls `act` at the end of the body, whatever ends it, also a signal that ends the process in place; one
-    that comes during the call repeats it.
-    """
-    _stop.last.append(act)
+    _stop.cleanups.append(act)
     try:
         yield
     finally:
         act()
-        _stop.last.pop()
+        _stop.cleanups.pop()
 
 
 @contextmanager
 def ends_in_order(what: str, folder: Path | None = None) -> Iterator[list[str]]:
-    """Ends a command at a signal in the body with one line that says which files are left: by RunError where
-    the body asks (`Stop.check`), else in place with exit code 1.
+    """Ends a command at a signal in the body with one line that says which files are left: in place with exit
+    code 1, or by RunError after a KeyboardInterrupt (`Stop.check`, `break_off`). Gives a list, to which the
+    body adds the names of the files that are there and whole.
 
     Args:
         what: what is interrupted, in words.
         folder: where the body writes. What it made of the path and left empty is removed, however it ends.
 
-    Gives a list, to which the body adds the names of the files that are there and whole.
-
     Raises:
-        RunError: a signal came, and the body looked (`Stop.check`).
+        RunError: a signal came, and the body raised KeyboardInterrupt.
     """
     written: list[str] = []
-    made = [] if folder is None else [path for path in (folder, *folder.parents) if not path.exists()]
+    made = [path for path in (folder, *folder.parents) if not path.exists()] if folder else []
 
-    def left() -> str:
-        where = f" in {folder}" if folder is not None else ""
-        return f"{what} interrupted; " + (
-            f"{', '.join(written)}{where}" if written else "nothing was written"
-        )
-
-    def remove_empty() -> None:
+    def clean_up() -> str:
         for path in made:
             with suppress(OSError):  # not empty, or not made yet
                 path.rmdir()
+        where = f" in {folder}" if folder else ""
+        return f"{what} interrupted; " + (", ".join(written) + where if written else "nothing was written")
 
-    with _handler_installed(), at_last(remove_empty):
-        _stop.texts.append(left)
+    with signal_flag(_stop.end), at_last(clean_up):
         try:
             yield written
         except KeyboardInterrupt:
-            raise RunError(left()) from None
-        finally:
-            _stop.texts.pop()
+            raise RunError(clean_up()) from None
 
 
 def leave(code: int) -> NoReturn:
@@ -189,21 +161,3 @@ def leave(code: int) -> NoReturn:
         flush()
         os._exit(code)
     sys.exit(code)
-
-
-@contextmanager
-def _handler_installed() -> Iterator[None]:
-    """Installs `Stop.handle` for SIGINT, SIGTERM and SIGHUP (not where `nohup` has it ignored), clears the
-    flag of earlier signals, and restores the former handlers at the end; within another body it does nothing.
-    """
-    if signal.getsignal(signal.SIGINT) == _stop.handle:
-        yield
-        return
-    _stop.begin()
-    handled = [n for n in SIGNALS if n != signal.SIGHUP or signal.getsignal(n) != signal.SIG_IGN]
-    before = {number: signal.signal(number, _stop.handle) for number in handled}
-    try:
-        yield
-    finally:
-        for number, previous in before.items():
-            signal.signal(number, previous)

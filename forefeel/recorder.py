@@ -22,7 +22,7 @@ from forefeel.common.transport.endpoints import address
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
-from forefeel.interrupt import Stop, at_last, ends_in_order, signal_flag
+from forefeel.interrupt import at_last, ends_in_order, signal_flag
 from forefeel.terminal import say
 
 if TYPE_CHECKING:
@@ -147,8 +147,8 @@ class Recorder:
 def run_record(
     out: Path, settings: "ObserverSettings", duration_s: float | None, insecure: bool = False
 ) -> None:
-    """Records a cell to the new file `out` until SIGINT, SIGTERM, SIGHUP or the duration; says while nobody
-    is heard, and what was missed.
+    """Records a cell to the new file `out` until SIGINT, SIGTERM, SIGHUP or the duration, and attends
+    systemd's watchdog; prints every 5 s why nobody is heard, and at the end what was missed.
 
     Raises:
         InputError: the file, an endpoint or a certificate can not be used; nothing was written.
@@ -170,7 +170,17 @@ def run_record(
             if recorder.transport.notice:
                 say(recorder.transport.notice)
             say(f"recording cell {cell} to {out}; Ctrl-C ends")
-            _wait(recorder, settings, party, duration_s, stop)
+            from forefeel.reachability import cell_watch  # noqa: PLC0415 - a loopback needs none
+
+            look = cell_watch(settings.transport, party, recorder.transport, MonotonicClock())
+            attend = service_watchdog(
+                lambda: "recording" if recorder.newest else f"nobody heard yet: {look(False)}",
+                lambda: recorder.rounds,
+            )
+            for _ in stop.polls(duration_s, _POLL_S):
+                recorder.check()
+                attend()
+                look(bool(recorder.newest))
     if not recorder.written:
         raise RunError(f"{out}: nothing was recorded, nobody of cell {cell} was heard at {where}")
     counts = {"messages": recorder.written, **recorder.missed}
@@ -178,22 +188,3 @@ def run_record(
     roles = {parsed[2].publisher for key in recorder.newest if (parsed := parse_key(key))}
     for role in sorted({"slave", "master"} - roles):
         say(f"{out}: the {role} was not heard: it does not run, or listens where nobody connects")
-
-
-def _wait(
-    recorder: Recorder, settings: "ObserverSettings", party: Party, duration_s: float | None, stop: Stop
-) -> None:
-    """Waits for a signal or the duration; meanwhile prints every 5 s why nobody is heard, and attends
-    systemd's watchdog. RunError: recording failed.
-    """
-    from forefeel.reachability import cell_watch  # noqa: PLC0415 - a loopback needs none
-
-    look = cell_watch(settings.transport, party, recorder.transport, MonotonicClock())
-    attend = service_watchdog(
-        lambda: "recording" if recorder.newest else f"nobody heard yet: {look(False)}",
-        lambda: recorder.rounds,
-    )
-    for _ in stop.polls(duration_s, _POLL_S):
-        recorder.check()
-        attend()
-        look(bool(recorder.newest))

@@ -10,7 +10,7 @@ from forefeel.common.runtime.realtime import raise_descriptor_limit
 from forefeel.common.runtime.service_manager import service_watchdog
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.zenoh_bus import open_session
-from forefeel.interrupt import Stop, signal_flag
+from forefeel.interrupt import signal_flag
 from forefeel.network_settings import RouterSettings
 from forefeel.terminal import say
 
@@ -22,7 +22,7 @@ _MOST_EVENTS = 1024  # of links that wait for a look
 
 def run_router(settings: RouterSettings, duration_s: float | None = None, insecure: bool = False) -> None:
     """Runs a Zenoh router, at real-time priority where it is granted, until SIGINT, SIGTERM, SIGHUP or the
-    duration; says who comes and goes.
+    duration; prints who is connected, who comes and who goes, and attends systemd's watchdog.
 
     Raises:
         InputError: an endpoint or a certificate can not be used.
@@ -35,7 +35,17 @@ def run_router(settings: RouterSettings, duration_s: float | None = None, insecu
     with signal_flag() as stop:
         with session:
             _greet(settings, notice)
-            _watch(session, duration_s, stop)
+            channel: zenoh.handlers.RingChannel[zenoh.LinkEvent] = zenoh.handlers.RingChannel(_MOST_EVENTS)
+            looks = count(1)
+            attend = service_watchdog(lambda: "routing", lambda: next(looks))
+            with session.info.declare_link_events_listener(channel, history=True) as links:
+                for _ in stop.polls(duration_s, _POLL_S):
+                    while (event := links.handler.try_recv()) is not None:
+                        came = event.kind == zenoh.SampleKind.PUT
+                        who = event.link.auth_identifier or "someone without certificate"
+                        where = event.link.dst.partition("/")[2]
+                        say(f"router: {who} {'came from' if came else 'left'} {where}")
+                    attend()
         say("router: closed")
 
 
@@ -49,20 +59,3 @@ def _greet(settings: RouterSettings, notice: str) -> None:
     how = f"with the certificates in {transport.pki}" if transport.pki else "without certificates"
     say(f"router: listening on {', '.join(transport.listen)} {how}; cells {', '.join(settings.cells)}")
     say("router: slave and master need transport.mode: client and this host in transport.connect")
-
-
-def _watch(session: zenoh.Session, duration_s: float | None, stop: Stop) -> None:
-    """Prints who connects to the router or leaves, at first also who is there, until a signal or the
-    duration; attends systemd's watchdog.
-    """
-    channel: zenoh.handlers.RingChannel[zenoh.LinkEvent] = zenoh.handlers.RingChannel(_MOST_EVENTS)
-    looks = count(1)
-    attend = service_watchdog(lambda: "routing", lambda: next(looks))
-    with session.info.declare_link_events_listener(channel, history=True) as links:
-        for _ in stop.polls(duration_s, _POLL_S):
-            while (event := links.handler.try_recv()) is not None:
-                came = event.kind == zenoh.SampleKind.PUT
-                who = event.link.auth_identifier or "someone without certificate"
-                where = event.link.dst.partition("/")[2]
-                say(f"router: {who} {'came from' if came else 'left'} {where}")
-            attend()

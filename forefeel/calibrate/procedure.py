@@ -39,14 +39,13 @@ from forefeel.common.state.latch import latched
 from forefeel.configured_devices import ConfiguredDevice, device_of
 from forefeel.daemon_settings import load_daemon
 from forefeel.files import check_new_file, write_whole
-from forefeel.interrupt import breakable
+from forefeel.interrupt import break_off, ends_in_order, signal_flag
 from forefeel.slave.load_cell import NativeLoadCell, NativeReading
 from forefeel.terminal import answer, ask, say
 
 _POLL_NS = 5_000_000  # ns between two looks for readings, which a queue keeps meanwhile
 _AVERAGE_S = 0.5  # s for which a level is read, at least
 _SLOWEST_S = 30.0  # s in which a level must be read: a cell of one reading a second needs some ten
-_INTERRUPTED = "calibration interrupted; nothing was written"
 _PRIORITY = 50  # of SCHED_FIFO, the default of `realtime.priority`
 
 
@@ -106,7 +105,7 @@ def run_load_cell(
     (low_n, high_n), sign, steps = range_of(loads_n), device.settings.sign, list[Step]()
     time = clock or MonotonicClock()
     cell: NativeLoadCell = device.driver.make(device.settings, time)
-    with breakable(_INTERRUPTED), closing(cell):
+    with ends_in_order("calibration"), signal_flag(break_off), closing(cell):
         cell.open_native()
         serial = _identify(device, cell.link)
         for force_n in walk_of(loads_n):
@@ -194,7 +193,8 @@ def run_stage(target: Target, velocity_m_s: float, clock: SleepingClock | None =
         f"at {1e3 * velocity_m_s:.3g} mm/s: take out the instrument, clear the way, keep the stop at hand"
     )
     with (
-        breakable(_INTERRUPTED),
+        ends_in_order("calibration"),
+        signal_flag(break_off),
         _no_slave_beside(target.config),
         device.driver.make_homing(settings, clock or MonotonicClock()) as stage,
     ):

@@ -9,7 +9,7 @@ from forefeel.commands.dashboard import Open, Port
 from forefeel.commands.options import Quiet, examples
 from forefeel.files import fresh_folder
 from forefeel.loopback.viewer import DashboardProcess
-from forefeel.terminal import output, say
+from forefeel.terminal import output
 
 
 @examples("forefeel demo --open")
@@ -27,8 +27,8 @@ def demo(
     """About a minute and a half. Ctrl-C ends it."""
     with output(quiet=quiet):
         fresh_folder(out, (), "an earlier demo", overwrite=True)
-        with DashboardProcess(out, opens, say, port) as viewer:
-            viewer.start()
+        with DashboardProcess(out, opens, port=port) as viewer:
+            viewer.serve()
             from forefeel.demo import run_demo  # noqa: PLC0415 - the page is there before all that it loads
 
             run_demo(viewer, out, seed)

@@ -8,6 +8,7 @@ import time
 import webbrowser
 from collections.abc import Callable, Collection, Coroutine, Sequence
 from contextlib import closing, nullcontext, suppress
+from functools import partial
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, TextIO
@@ -49,6 +50,7 @@ HEAD_S = 10.0  # s that a request may take to arrive
 _NOTICE_S = 60.0  # s between two lines about connections that gave way
 _BACKLOG = MOST_CONNECTIONS // 4  # connections accepted at a time, so that a request is read first
 _STATIC = Path(__file__).parent / "static"
+_end_at_once = partial(os._exit, 0)  # in order it takes seconds on a busy machine, and nothing is to be saved
 # asked for anew with every load; nothing comes from elsewhere or stands inside another page
 _HEADERS = {
     "Cache-Control": "no-cache",
@@ -86,7 +88,7 @@ def run_dashboard(
         live = LiveCell(settings.cell, where, clock)
         party = Party("viewer", (settings.cell,))
         transport = ZenohTransport.open(settings.transport, clock, failed.append, party, insecure=insecure)
-        with signal_flag(_exit), closing(transport):
+        with signal_flag(_end_at_once), closing(transport):
             _lower_priority()
             button = StopButton(transport, settings.cell, clock)
 
@@ -117,13 +119,8 @@ def run_view(file: Path, address: str, port: int, opens: bool, vessel: VesselSet
     pages = {words: path for words, path in beside.items() if path.is_file()}
     endpoint = Endpoint(None, Scene(recording=file, pages=pages, vessel=vessel))
     _lower_priority()
-    with signal_flag(_exit), listening_at(address, port) as listening:
+    with signal_flag(_end_at_once), listening_at(address, port) as listening:
         _serve(listening, address, endpoint, str(file), opens, _failure(()))
-
-
-def _exit() -> None:
-    """Ends the process at once: in order it takes seconds on a busy machine, and nothing is to be saved."""
-    os._exit(0)
 
 
 def _lower_priority() -> None:

@@ -1,7 +1,6 @@
 """One loopback run from its options to the ten lines."""
 
 import shutil
-from contextlib import nullcontext
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -40,19 +39,17 @@ def run_loopback(
     folder = out or Path("out") / f"run-{datetime.now():%Y%m%d-%H%M%S}"
     if virtual and dashboard:
         raise ConfigurationError("--dashboard: shows what runs in real time; expected no --virtual-time")
-    viewer = DashboardProcess(folder, opens, say) if dashboard else None
-    with viewer or nullcontext():
+    with DashboardProcess(folder, opens, dashboard) as viewer:
         report = recorded_run(options, folder, viewer, overwrite, virtual)
-        if viewer is not None and viewer.url:
+        if viewer.url:
             say(f"{viewer.url} shows the run again, until {viewer.until}")
         from forefeel.report.page import ten_lines  # noqa: PLC0415 - as in `recorded_run`
 
         answer(*ten_lines(report, folder), document=report.to_json)
         judge(report)
         suggest("diagnose", folder / RECORDING, out=folder / "diagnosis", overwrite=overwrite)
-        if viewer is not None:
-            pages = {"report": (folder / REPORT).absolute()}
-            viewer.stay(Scene(head="The run has ended", recording=folder / RECORDING, pages=pages))
+        pages = {"report": (folder / REPORT).absolute()}
+        viewer.stay(Scene(head="The run has ended", recording=folder / RECORDING, pages=pages))
 
 
 def judge(report: "RunReport") -> None:
@@ -69,15 +66,11 @@ def judge(report: "RunReport") -> None:
 
 
 def recorded_run(
-    options: LoopbackOptions,
-    folder: Path,
-    viewer: DashboardProcess | None,
-    overwrite: bool,
-    virtual: bool = False,
+    options: LoopbackOptions, folder: Path, viewer: DashboardProcess, overwrite: bool, virtual: bool = False
 ) -> "RunReport":
     """Plans, runs, and writes recording and report into the folder, where it deletes the files of an earlier
     run; returns the report, prints notes but not the ten lines. Raises as `run_loopback`, but for the arming.
-    Only the end imports what it needs alone.
+    Only the end imports what it needs alone. An interrupted run leaves its recording, too.
     """
     with ends_in_order("loopback", folder) as written:
         check_hardware(options.hardware, options.recording is not None, virtual)
@@ -85,48 +78,30 @@ def recorded_run(
         plan.slave_settings()
         plan.master_settings()
         fresh_folder(folder, _OURS, "an earlier run", overwrite)
-        if options.prior_dir is not None:
-            _make_prior_dir(options.prior_dir)
+        if prior := options.prior_dir:
+            try:
+                prior.mkdir(parents=True, exist_ok=True, mode=0o700)
+            except OSError as error:
+                reason = f"--prior-dir {prior}: {error.strerror}; expected a folder"
+                raise ConfigurationError(reason) from error
         for path in (folder / name for name in _OURS):
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
         for note in plan.notes:
             say(note)
-        if viewer is not None:
-            viewer.start()
-            viewer.tell(viewer.scene.model_copy(update={"vessel": plan.vessel()}))
-        _run(plan, options, folder, virtual, written, viewer)
+        viewer.serve()
+        viewer.show(viewer.scene.model_copy(update={"vessel": plan.vessel()}))
+        progress = bar(plan.expected_s, "{task.completed:5.1f} / {task.total:.1f} s")
+        if virtual:
+            with progress as show:
+                _run_virtual(plan, options.seed, folder / RECORDING, written, show)
+        else:
+            with TemporaryDirectory(prefix="forefeel-") as ports:  # short, for sockets have short names
+                plan, emulators = on_bench(plan, options.hardware, Path(ports), folder, options.seed)
+                run_real(plan, folder, progress, emulators, viewer.endpoints if viewer.url else ())
+            written.append(RECORDING)
         from forefeel.report.page import write_report  # noqa: PLC0415 - as above
 
         return write_report(folder / RECORDING, folder)
-
-
-def _make_prior_dir(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    except OSError as error:
-        raise ConfigurationError(f"--prior-dir {folder}: {error.strerror}; expected a folder") from error
-
-
-def _run(
-    plan: Plan,
-    options: LoopbackOptions,
-    folder: Path,
-    virtual: bool,
-    written: list[str],
-    viewer: DashboardProcess | None,
-) -> None:
-    """Runs the plan in real or virtual time and leaves the recording, also of a run that was interrupted;
-    adds its name to `written`, in real time only when the run succeeded.
-    """
-    progress = bar(plan.expected_s, "{task.completed:5.1f} / {task.total:.1f} s")
-    if virtual:
-        with progress as show:
-            _run_virtual(plan, options.seed, folder / RECORDING, written, show)
-        return
-    with TemporaryDirectory(prefix="forefeel-") as ports:  # short, for sockets have short names
-        plan, emulators = on_bench(plan, options.hardware, Path(ports), folder, options.seed)
-        run_real(plan, folder, progress, emulators, viewer)
-    written.append(RECORDING)
 
 
 def _run_virtual(plan: Plan, seed: int, path: Path, written: list[str], show: Show) -> None:

@@ -17,7 +17,7 @@ from forefeel.common.hardware.link import DeviceLink
 from forefeel.configured_devices import ConfiguredDevice, configured
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.shared.stream import latency_warning
-from forefeel.interrupt import breakable
+from forefeel.interrupt import break_off, ends_in_order, signal_flag
 from forefeel.terminal import answer, show
 
 _PERIOD_NS = 1_000_000  # ns between two reads: the 1 kHz of the loops
@@ -171,7 +171,8 @@ def run_probe(config: Path, seconds: float) -> None:
     """
     devices = configured(load_daemon(config))
     results: list[Probed] = []
-    with breakable("probe interrupted; what was found is above"):
+    with ends_in_order("probe") as printed, signal_flag(break_off):
+        printed.append("what was found is above")
         for device in devices:
             results.append(probe(device, seconds, MonotonicClock()))
             show(_in_words(results[-1]))

@@ -12,7 +12,7 @@ from itertools import islice
 from multiprocessing import active_children, get_context, resource_tracker
 from typing import TypeVar
 
-from forefeel.child_process import die_with
+from forefeel.child_process import die_with_parent
 from forefeel.common.errors import ConfigurationError, EndpointError, RunError
 from forefeel.interrupt import SIGNALS
 
@@ -71,8 +71,8 @@ def _processes(count: int) -> Iterator[tuple[Executor, int]]:
     body kills them, with every other child of multiprocessing, and waits for the pool.
     """
     with _signals_blocked():  # with it begins the process that tracks its semaphores
-        context, parent = get_context("spawn"), (os.getpid(), signal.SIGKILL)
-        processes = ProcessPoolExecutor(count, context, die_with, parent)
+        context, parent = get_context("spawn"), (signal.SIGKILL, os.getpid())
+        processes = ProcessPoolExecutor(count, context, die_with_parent, parent)
     try:
         yield processes, count
     finally:

@@ -23,10 +23,10 @@ class Viewer:
     def __init__(self) -> None:
         self.scenes: list[Scene] = []
 
-    def tell(self, scene: Scene) -> None:
+    def show(self, scene: Scene) -> None:
         self.scenes.append(scene)
 
-    stay = tell
+    stay = show
 
 
 @pytest.mark.parametrize("causes", [(), ("capstan",), ("capstan", "asymmetric_damping"), (*demo.HIDDEN,)])

@@ -11,7 +11,7 @@ import pytest
 
 from forefeel.common.errors import RunError
 from forefeel.files import whole
-from forefeel.interrupt import SIGNALS, breakable, ends_in_order, leave, signal_flag
+from forefeel.interrupt import SIGNALS, break_off, ends_in_order, leave, signal_flag
 
 
 class ExitedError(BaseException):
@@ -126,7 +126,7 @@ def test_command_under_nohup_stays(exits: list[int]) -> None:
 
 def test_wait_for_a_person_breaks_off() -> None:
     went_on = False
-    with pytest.raises(RunError, match="broke off"), breakable("broke off"):
+    with pytest.raises(RunError, match="wait interrupted"), ends_in_order("wait"), signal_flag(break_off):
         come(signal.SIGHUP)
         went_on = True
     assert not went_on
