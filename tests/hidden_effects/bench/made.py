@@ -86,7 +86,8 @@ def draw(population: Population, seed: int) -> Made:
     Raises:
         RuntimeError: no visible recording in _MOST_TRIES.
     """
-    return _recorded(*_visible(population, seed))
+    bench, take, found, share, force_n = _visible(population, seed)
+    return _recorded(bench, take, found, share, force_n)
 
 
 def draw_two(population: Population, seed: int) -> tuple[Made, Made]:
@@ -96,52 +97,56 @@ def draw_two(population: Population, seed: int) -> tuple[Made, Made]:
     Raises:
         RuntimeError: as `draw`.
     """
-    bench, take, found, share = _visible(population, seed)
+    bench, take, found, share, force_n = _visible(population, seed)
     rng = np.random.default_rng((list(Population).index(population), seed, 1))
     stage = moved(rng, str(rng.choice(_PLANS[population].paths)), bench.duration_s, bench.reach_m, 0.0)
     stage = replace(stage, x=stage.x - np.min(stage.x) + np.min(bench.stage.x))
-    return _recorded(bench, take, found, share), _recorded(replace(bench, stage=stage), take, found, share)
+    other = replace(bench, stage=stage)
+    other_n = read(changed(other, found), take)
+    return _recorded(bench, take, found, share, force_n), _recorded(other, take, found, share, other_n)
 
 
-def _visible(population: Population, seed: int) -> tuple[Bench, Take, list[Effect], float]:
+def _visible(population: Population, seed: int) -> tuple[Bench, Take, list[Effect], float, Array]:
     plan = _PLANS[population]
     rng = np.random.default_rng((list(Population).index(population), seed))
     maker = plan.makers[seed % len(plan.makers)]
     for _ in range(_MOST_TRIES):
         bench, take = _drawn_bench(rng, plan, maker)
         found = maker(rng, bench)
-        share = visibility(bench, take, found)
+        force_n = read(changed(bench, found), take)
+        share = visibility(bench, take, found, force_n)
         if share >= LEAST_SHARE or population is Population.ODD:
-            return bench, take, found, share
+            return bench, take, found, share, force_n
     raise RuntimeError(f"{population.value} {seed}: nothing visible in {_MOST_TRIES} recordings")
 
 
-def visibility(bench: Bench, take: Take, found: Sequence[Effect]) -> float:
-    """The smallest share of an effect by the noise's rms; infinite where there is none."""
+def visibility(bench: Bench, take: Take, found: Sequence[Effect], complete: Array) -> float:
+    """The smallest share of an effect in the `complete` force by the noise's rms; infinite without any."""
     if not found:
         return np.inf
-    complete, x = read(_with(bench, found), take), np.stack(bench.stage.at(take.time_s), axis=1)
+    x = np.stack(bench.stage.at(take.time_s), axis=1)
     columns = np.column_stack((x / np.maximum(np.std(x, axis=0), 1e-12), np.ones(len(x))))
     shares = []
     for effect in found:
-        added = complete - read(_with(bench, [other for other in found if other is not effect]), take)
+        added = complete - read(changed(bench, [other for other in found if other is not effect]), take)
         left = added - columns @ np.linalg.lstsq(columns, added, rcond=None)[0]
         shares.append(float(np.sqrt(np.mean(left**2))) / take.noise_rms_n)
     return min(shares)
 
 
-def _with(bench: Bench, found: Sequence[Effect]) -> Bench:
+def changed(bench: Bench, found: Sequence[Effect]) -> Bench:
+    """The bench with these effects."""
     for effect in found:
         bench = effect.change(bench)
     return bench
 
 
-def _recorded(bench: Bench, take: Take, found: Sequence[Effect], share: float) -> Made:
+def _recorded(bench: Bench, take: Take, found: Sequence[Effect], share: float, force_n: Array) -> Made:
     said = " + ".join(effect.words for effect in found) or "nothing"
     return Made(
         time_s=take.time_s,
         position_m=encoded(bench, take),
-        force_n=read(_with(bench, found), take),
+        force_n=force_n,
         names=frozenset(effect.name for effect in found if effect.name),
         families=frozenset[str]().union(*(effect.families for effect in found)),
         description=f"{said} [{share:.1f} x noise] in {take.words}",

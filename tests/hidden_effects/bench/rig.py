@@ -8,20 +8,16 @@ that brings a body to rest if its limit allows. So a body that sticks has a velo
 (Moreau, Unilateral contact and dry friction in finite freedom dynamics, 1988.)
 """
 
-from collections.abc import Callable, Sequence
 from math import exp, inf, log, pi, sin, sqrt
-from typing import Any, NamedTuple, TypeVar, cast
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from tests.hidden_effects.bench.stage import STEP_S, Array, Stage
 
 _WORN = 0.2  # share of dry friction that is left when it is worn
 _BUCKLED = 0.002  # share of a shaft's stiffness that is left when it is buckled
 _CHANGE_S = 0.02  # s, that a puncture takes
-
-Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class Body(NamedTuple):
@@ -95,12 +91,9 @@ def simulated(rig: Rig, stage: Stage, push_n: Array | None = None, heave_m: Arra
     """
     push = np.zeros_like(stage.x) if push_n is None else push_n
     heave = np.zeros_like(stage.x) if heave_m is None else heave_m
-    shape = (len(rig.bodies), len(stage.x))
-    run = Run(np.empty(shape[1]), np.empty(shape), np.empty(shape))
     driven = (stage.t, stage.x, stage.v, push, heave, np.gradient(heave, STEP_S))
-    tables = (_rows(rig.branches, 2), _rows(rig.asperities, 2), _rows(rig.waves, 3))
-    _advance(driven, _rows(rig.bodies, 7), _rows(rig.links, 4), rig.wall, tables, rig.cell, run)
-    return run
+    cell_n, x, v = _advance(rig, np.column_stack(driven).tolist())
+    return Run(np.array(cell_n), np.array(x), np.array(v))
 
 
 def contact(mass_kg: float, frequency_hz: float, restitution: float) -> tuple[float, float]:
@@ -110,19 +103,11 @@ def contact(mass_kg: float, frequency_hz: float, restitution: float) -> tuple[fl
     return stiffness_n_m, 2.0 * damping_ratio * sqrt(stiffness_n_m * mass_kg)
 
 
-def _rows(rows: Sequence[Sequence[float]], width: int) -> Array:
-    return np.array(rows, dtype=np.float64).reshape(-1, width)
-
-
-def _compiled(function: Function) -> Function:
-    return cast(Function, njit(cache=True)(function))
-
-
-@_compiled
-def _link(stretch_m: float, rate_m_s: float, link: Array) -> tuple[float, float]:
+def _link(stretch_m: float, rate_m_s: float, link: Link) -> tuple[float, float]:
     """Force on the body behind, and the damper's coefficient as far as it acts; a contact does not pull."""
-    stiffness_n_m, damping_n_s_m, half_m, limit_n = link[0], link[1], 0.5 * link[2], link[3]
-    if half_m > 0.0:
+    stiffness_n_m, damping_n_s_m, gap_m, limit_n = link
+    if gap_m > 0.0:
+        half_m = 0.5 * gap_m
         if abs(stretch_m) <= half_m:
             return 0.0, 0.0
         side = 1.0 if stretch_m > 0.0 else -1.0
@@ -134,36 +119,37 @@ def _link(stretch_m: float, rate_m_s: float, link: Array) -> tuple[float, float]
     return elastic_n + damping_n_s_m * rate_m_s, damping_n_s_m
 
 
-@_compiled
 def _wall(
     t: float, depth_m: float, v: float, rate_m_s: float, relaxing_n: float, wall: Wall
 ) -> tuple[float, float]:
     """Resisting force and its damping; v is the body's own velocity, rate_m_s that against the wall."""
+    drag_n, drag = wall.drag_n_s2_m2 * v * abs(v), 2.0 * wall.drag_n_s2_m2 * abs(v)
     if wall.unilateral > 0.0 and depth_m <= 0.0:
-        return wall.drag_n_s2_m2 * v * abs(v), 2.0 * wall.drag_n_s2_m2 * abs(v)
-    changed = min(max((t - wall.change_s) / _CHANGE_S, 0.0), 1.0)
+        return drag_n, drag
     elastic_n = depth_m * (wall.stiffness_n_m + depth_m * (wall.quadratic_n_m2 + depth_m * wall.cubic_n_m3))
     if wall.level_n != 0.0:
         elastic_n += wall.level_n * (exp(depth_m / wall.length_m) - 1.0)
-    elastic_n *= 1.0 + (wall.ratio - 1.0) * changed
+    if t > wall.change_s:
+        elastic_n *= 1.0 + (wall.ratio - 1.0) * min((t - wall.change_s) / _CHANGE_S, 1.0)
     damping = wall.forward_n_s_m if rate_m_s > 0.0 else wall.backward_n_s_m
-    damping += wall.hunt_n_s_m2 * max(depth_m, 0.0)
+    if depth_m > 0.0:
+        damping += wall.hunt_n_s_m2 * depth_m
     pressed_n = elastic_n + relaxing_n + damping * rate_m_s
-    if wall.unilateral > 0.0:
-        pressed_n = max(pressed_n, 0.0)
-    return pressed_n + wall.drag_n_s2_m2 * v * abs(v), damping + 2.0 * wall.drag_n_s2_m2 * abs(v)
+    if wall.unilateral > 0.0 and pressed_n < 0.0:
+        pressed_n = 0.0
+    return pressed_n + drag_n, damping + drag
 
 
-@_compiled
-def _dry(x: float, v: float, way_m: float, body: Array) -> float:
+def _dry(x: float, v: float, way_m: float, body: Body) -> float:
     """The largest dry friction now: static at rest, falling to Coulomb's with the speed."""
-    coulomb_n, static_n, stribeck_m_s, growth_n_m, wear_m = body[2], body[3], body[4], body[5], body[6]
-    limit_n: float = coulomb_n + (static_n - coulomb_n) * exp(-((v / stribeck_m_s) ** 2))
-    limit_n += growth_n_m * max(x, 0.0)
+    _, _, limit_n, static_n, stribeck_m_s, growth_n_m, wear_m = body
+    if static_n != limit_n:
+        limit_n += (static_n - limit_n) * exp(-((v / stribeck_m_s) ** 2))
+    if x > 0.0:
+        limit_n += growth_n_m * x
     return limit_n * (_WORN + (1.0 - _WORN) * exp(-way_m / wear_m)) if wear_m < inf else limit_n
 
 
-@_compiled
 def _capstan(tip_n: float, x: float, wall: Wall) -> tuple[float, float]:
     """Friction around bends against motion forward and backward: Euler's factor on the tip's force."""
     growth = exp(wall.capstan + wall.capstan_per_m * max(x, 0.0))
@@ -171,43 +157,54 @@ def _capstan(tip_n: float, x: float, wall: Wall) -> tuple[float, float]:
     return (against, along) if tip_n > 0.0 else (along, against)
 
 
-@_compiled
-def _advance(
-    driven: tuple[Array, ...], bodies: Array, links: Array, wall: Wall,
-    tables: tuple[Array, Array, Array], cell: int, run: Run,
-) -> None:  # fmt: skip
-    """One loop over time; `driven`: time, stage's position and velocity, push, heave and its velocity."""
-    times, stage, stage_v, push, heave, heave_v = driven
-    branches, asperities, waves = tables
+def _advance(rig: Rig, driven: list[list[float]]) -> tuple[list[float], list[list[float]], list[list[float]]]:
+    """One loop over time; `driven`: time, stage's position and velocity, push, heave and its velocity.
+
+    Plain floats in lists: elements of arrays would take three times as long.
+    """
+    bodies, links, wall, cell = rig.bodies, rig.links, rig.wall, rig.cell
     count, last = len(bodies), len(bodies) - 1
-    x, v, way = np.full(count, stage[0]), np.zeros(count), np.zeros(count)
-    link_n, link_c = np.zeros(count), np.zeros(count)
-    relaxing, hairs = np.zeros(len(branches)), np.zeros(len(asperities))
-    decay = np.exp(-STEP_S / branches[:, 1])
-    for n in range(len(stage)):
-        for i in range(count):
-            front, front_v = (stage[n], stage_v[n]) if i == 0 else (x[i - 1], v[i - 1])
-            link_n[i], link_c[i] = _link(front - x[i], front_v - v[i], links[i])
-        run.cell_n[n] = link_n[cell]
-        depth = x[last] - wall.rest_m - heave[n]
-        relaxing_n = np.sum(branches[:, 0] * relaxing)
-        tip_n, tip_c = _wall(times[n], depth, v[last], v[last] - heave_v[n], relaxing_n, wall)
-        held_n = push[n] + np.sum(asperities[:, 0] * hairs)
-        for j in range(len(waves)):
-            held_n += waves[j, 0] * sin(waves[j, 1] * x[last] + waves[j, 2])
-        for i in range(count):
-            behind_n, behind_c = (tip_n + held_n, tip_c) if i == last else (link_n[i + 1], link_c[i + 1])
-            given = STEP_S / (bodies[i, 0] + STEP_S * (bodies[i, 1] + link_c[i] + behind_c))
-            free = v[i] + given * (link_n[i] - behind_n - bodies[i, 1] * v[i])
-            dry_n = _dry(x[i], v[i], way[i], bodies[i])
-            forward_n, backward_n = _capstan(tip_n, x[i], wall) if i == last else (0.0, 0.0)
+    x, v, way = [driven[0][1]] * count, [0.0] * count, [0.0] * count
+    relaxing = [(n_m, tau_s, exp(-STEP_S / tau_s), 0.0) for n_m, tau_s in rig.branches]
+    hairs = [(n_m, most_m, 0.0) for n_m, most_m in rig.asperities]
+    bends = wall.capstan != 0.0 or wall.capstan_per_m != 0.0
+    cell_n: list[float] = []
+    all_x: list[list[float]] = [[] for _ in bodies]
+    all_v: list[list[float]] = [[] for _ in bodies]
+    for t, front, front_v, push_n, heave_m, heave_v in driven:
+        forces = []
+        for i, link in enumerate(links):
+            forces.append(_link(front - x[i], front_v - v[i], link))
+            front, front_v = x[i], v[i]  # noqa: PLW2901 - of the next link
+        cell_n.append(forces[cell][0])
+        depth, rate = front - wall.rest_m - heave_m, front_v - heave_v
+        relaxing_n, held_n = 0.0, push_n
+        for n_m, _, _, u in relaxing:
+            relaxing_n += n_m * u
+        tip_n, tip_c = _wall(t, depth, front_v, rate, relaxing_n, wall)
+        for n_m, _, u in hairs:
+            held_n += n_m * u
+        for wave_n, per_m, phase in rig.waves:
+            held_n += wave_n * sin(per_m * front + phase)
+        forces.append((tip_n + held_n, tip_c))
+        for i, body in enumerate(bodies):
+            (link_n, link_c), (behind_n, behind_c) = forces[i], forces[i + 1]
+            given = STEP_S / (body[0] + STEP_S * (body[1] + link_c + behind_c))
+            free = v[i] + given * (link_n - behind_n - body[1] * v[i])
+            dry_n = _dry(x[i], v[i], way[i], body)
+            forward_n, backward_n = _capstan(tip_n, x[i], wall) if bends and i == last else (0.0, 0.0)
             v[i] = free - min(max(free, -given * (dry_n + backward_n)), given * (dry_n + forward_n))
             x[i] += STEP_S * v[i]
             way[i] += STEP_S * abs(v[i])
-            run.x[i, n], run.v[i, n] = x[i], v[i]
-        rate = v[last] - heave_v[n] if wall.unilateral == 0.0 or depth > 0.0 else 0.0
-        for j in range(len(relaxing)):
-            relaxing[j] = decay[j] * relaxing[j] + branches[j, 1] * (1.0 - decay[j]) * rate
-        for j in range(len(hairs)):
-            moved = hairs[j] + STEP_S * v[last]
-            hairs[j] = min(max(moved, -asperities[j, 1]), asperities[j, 1])
+            all_x[i].append(x[i])
+            all_v[i].append(v[i])
+        if relaxing:
+            rate = v[last] - heave_v if wall.unilateral == 0.0 or depth > 0.0 else 0.0
+            relaxing = [
+                (n_m, tau_s, decay, decay * u + tau_s * (1.0 - decay) * rate)
+                for n_m, tau_s, decay, u in relaxing
+            ]
+        if hairs:
+            moved = STEP_S * v[last]
+            hairs = [(n_m, most_m, min(max(u + moved, -most_m), most_m)) for n_m, most_m, u in hairs]
+    return cell_n, all_x, all_v
