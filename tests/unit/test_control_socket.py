@@ -19,7 +19,7 @@ from forefeel.estop.client import Answer, Request, ask
 from forefeel.slave.daemon import Clearing
 from tests.stepped import SteppedHost
 from tests.unit.failing import refusing
-from tests.unit.slave_cell import Book, Cell
+from tests.unit.rigs import Book, Cell
 
 Run = Callable[[Sequence[str]], int]
 STOPPED, IDLE = SafetyState.ESTOPPED, SafetyState.IDLE

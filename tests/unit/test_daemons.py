@@ -26,8 +26,7 @@ from forefeel.slave.settings import SlaveSettings
 from tests.event_lines import read_events
 from tests.stepped import SteppedHost
 from tests.unit.failing import refusing
-from tests.unit.master_rig import FakeHandle
-from tests.unit.slave_rig import FakeGripper, FakeLoadCell, FakeStage
+from tests.unit.rigs import FakeGripper, FakeHandle, FakeLoadCell, FakeStage
 
 S = 1_000_000_000
 CONNECT: dict[str, Any] = {"transport": {"connect": ["tcp/127.0.0.1:9"]}}

@@ -11,9 +11,10 @@ from forefeel.common.events.sink import NULL_EVENT_SINK
 from forefeel.common.events.text import event_text, is_long_round_trip, long_round_trip, span
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import EmergencyStop, LimitEvent, MasterEvent, Message, SafetyEvent, SafetyState
+from forefeel.common.topics import LIMIT_EVENT, SAFETY_EVENT, SLAVE_STATE
 from forefeel.common.transport.memory import MemoryBus
 from forefeel.master.events import MasterEvents
-from tests.unit.dashboard.said import limit, safety, slave_state
+from tests.messages import usual
 from tests.unit.failing import refusing
 
 MS = 1_000_000
@@ -44,11 +45,14 @@ def test_the_first_of_a_key_is_told_at_once_then_the_first_of_each_interval_with
 @pytest.mark.parametrize(
     ("event", "words"),
     [
-        (safety(reason="no command"), ("armed -> stopping", "watchdog", "no command")),
-        (limit(count=3), ("velocity", "300 mm/s", "200 mm/s", "3 times")),
-        (limit(rule="round_trip", requested=0.812, applied=0.7, unit="s"), ("812 ms", "700 ms")),
+        (usual(SAFETY_EVENT, reason="no command"), ("armed -> stopping", "watchdog", "no command")),
+        (usual(LIMIT_EVENT, count=3), ("velocity", "300 mm/s", "200 mm/s", "3 times")),
+        (
+            usual(LIMIT_EVENT, rule="round_trip", requested=0.812, applied=0.7, unit="s"),
+            ("812 ms", "700 ms"),
+        ),
         (STOP, ("emergency stop", "x", "pressed")),
-        (slave_state(), ()),
+        (usual(SLAVE_STATE), ()),
     ],
 )
 def test_event_text_has_its_figures(event: Message, words: tuple[str, ...]) -> None:

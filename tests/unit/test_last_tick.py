@@ -14,7 +14,7 @@ from forefeel.slave.daemon import SlaveDaemon
 from forefeel.slave.settings import SlaveAxisSettings, SlaveSettings
 from tests.stepped import SteppedHost
 from tests.unit.failing import refusing
-from tests.unit.slave_cell import Book
+from tests.unit.rigs import Book
 
 FAULT, STOPPED = SafetyState.FAULT, SafetyState.ESTOPPED
 
