@@ -84,13 +84,15 @@ def traffic_of(loop: VirtualLoopback) -> Traffic:
 
 
 class Party:
-    """A session of one axis whose messages a test writes, and the traffic of the whole bus."""
+    """A session of one axis whose messages a test writes, and the traffic of the whole bus, read by one that
+    is given or by its own.
+    """
 
-    def __init__(self, network: MemoryBus, clock: VirtualClock) -> None:
+    def __init__(self, network: MemoryBus, clock: VirtualClock, traffic: Traffic | None = None) -> None:
         self.network, self.clock = network, clock
         self.session = network.session(clock)
         self.bus = Bus(self.session, CELL, AXIS, clock)
-        self.traffic = Traffic(network.session(clock))
+        self.traffic = traffic or Traffic(network.session(clock))
         self.messages, self.newest = self.traffic.messages, self.traffic.newest
         self._publishers: dict[str, Publisher] = {}
         self._puts: dict[str, Put] = {}
