@@ -76,20 +76,6 @@ def test_a_device_that_stays_broken_does_not_fill_the_log() -> None:
 
 # --- clearing, of the daemon ---
 
-STOPPED, IDLE = SafetyState.ESTOPPED, SafetyState.IDLE
-
-
-def test_one_axis_that_is_named_takes_with_it_what_stopped_for_it_and_nothing_else() -> None:
-    cell = Cell()
-    cell.daemon.axes[0].emergency_stop("pressed")
-    cell.step()
-    assert [each.axis for each in cell.clear("rotation")] == ["rotation"]
-    cell.step()
-    assert cell.states() == [STOPPED, STOPPED]  # the other one is still halted
-    assert [each.axis for each in cell.clear("insertion")] == ["insertion", "rotation"]
-    cell.step()
-    assert cell.states() == [IDLE, IDLE]
-
 
 def test_a_cause_that_persists_is_named_and_stays_latched() -> None:
     cell = Cell()

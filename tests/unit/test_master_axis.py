@@ -248,10 +248,9 @@ def test_it_ends_with_a_state_that_was_heard_after_it_and_not_with_an_older_one(
     assert request.ask("again", 2 * SECOND_NS)
 
 
-def test_the_handle_s_button_stops_and_lets_the_deadman_go_as_long_as_it_is_held() -> None:
-    rig = MasterRig()
-    rig.axis.serve(rig.now_ns)
-    rig.answer()
+def test_the_handle_s_button_stops_and_lets_the_deadman_go_as_long_as_it_is_held(
+    rig: MasterRig,
+) -> None:
     rig.handle.reading = rig.handle.reading._replace(deadman=True)
     rig.step(5)
     assert [command.deadman for command in rig.commands[-3:]] == [True] * 3
