@@ -79,11 +79,11 @@ class Process:
 
     @property
     def text(self) -> str:
-        """What it has printed since it was started."""
+        """Output since it was started."""
         return self.log.read_bytes()[self._from :].decode(errors="replace")
 
     def wait_for(self, text: str) -> None:
-        """Until it has printed that."""
+        """Waits until it has printed that."""
         wait_until(lambda: text in self.text or not self.running, what=f"{text!r} of the {self.role}")
         assert text in self.text, self.text
 
@@ -95,11 +95,11 @@ class Process:
         self.process.send_signal(number)
 
     def interrupt(self) -> None:
-        """As Ctrl-C in a terminal does: its children get the signal, too."""
+        """Sends SIGINT to it and its children, as Ctrl-C in a terminal does."""
         os.killpg(self.process.pid, signal.SIGINT)
 
     def group_runs(self) -> bool:
-        """Whether anything is left of the process and its children."""
+        """True while anything is left of the process and its children."""
         try:
             os.killpg(self.process.pid, 0)
         except ProcessLookupError:
@@ -107,7 +107,7 @@ class Process:
         return True
 
     def kill(self) -> None:
-        """With its children."""
+        """Kills it and its children."""
         if self.group_runs():
             os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
@@ -195,7 +195,7 @@ class LiveCell:
         return ends
 
     def await_state(self, state: str, timeout_s: float = PATIENCE_S) -> float:
-        """Until the slave says so, from now on; how long that took in s."""
+        """Waits until the slave reports that state from now on; s that it took."""
         now_ns = time.monotonic_ns()
         try:
             return wait_until(lambda: self.newest_after(now_ns) == state, timeout_s, state)

@@ -53,16 +53,16 @@ class Scene:
 
     @property
     def session_id(self) -> int:
-        """As anyone reads it from the wire."""
+        """Session that is open, as anyone reads it from the wire."""
         return self.pair.traffic.messages(SLAVE_STATE)[-1].session_id
 
     @property
     def sequence(self) -> int:
-        """Of the newest command on the wire."""
+        """Number of the newest command on the wire."""
         return decode(MotionCommand, self.recorded(COMMAND)[-1]).sequence
 
     def recorded(self, topic: Topic[Any]) -> list[bytes]:
-        """What was on the wire of that topic, as bytes."""
+        """Payloads of that topic so far."""
         return [payload for key, payload, _ in self.pair.traffic.payloads if key == topic.key("cell", AXIS)]
 
     def say(self, topic: Topic[Any], **fields: Any) -> bytes:  # noqa: ANN401 - any field
@@ -95,7 +95,7 @@ class Scene:
         self.pair.run(duration_s)
 
     def kill_master(self) -> None:
-        """As SIGKILL does: it says nothing more."""
+        """Silences the master as SIGKILL does."""
         self.pair.master.transport.close()
 
     def clear(self) -> None:

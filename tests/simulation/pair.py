@@ -22,7 +22,7 @@ from tests.network import Party, Traffic
 S = 1_000_000_000
 DELAY_S = 0.010
 OVERSHOOT = 1.4
-"""Of the simulated servo (2 w s + w^2) / (s + w)^2: 1 + 2 / e^2, the integral of its impulse response without
+"""Overshoot of the simulated servo (2 w s + w^2) / (s + w)^2: 1 + 2 / e^2, the integral of its impulse response without
 sign, and what a setpoint adds that is a tick ahead."""
 
 

@@ -165,7 +165,7 @@ def flood_of_handshakes(name: str) -> Outcome:
 
 
 def malformed(name: str) -> Outcome:
-    """Whatever is no command, and whatever is nearly one."""
+    """Payloads that are no command or nearly one."""
     scene = Scene(name)
     payloads = list(garbage(scene.recorded(COMMAND)[-1]))
     for payload in payloads:
@@ -176,7 +176,7 @@ def malformed(name: str) -> Outcome:
 
 
 def garbled_stop(name: str) -> Outcome:
-    """Who sends garbage to the emergency stop means a stop."""
+    """Garbage on the emergency stop is a stop."""
     scene = Scene(name)
     scene.put(EMERGENCY_STOP, bytes(65_537))
     scene.run(0.2)
@@ -184,7 +184,7 @@ def garbled_stop(name: str) -> Outcome:
 
 
 def garbage(whole: bytes) -> Iterator[bytes]:
-    """What is no command: random, cut, deep, huge, of wrong types; from a good one."""
+    """Payloads that are no command: random, cut, deep, huge, of wrong types; from a good one."""
     random = Random(3)
     good = msgpack.unpackb(whole)
     yield from (random.randbytes(random.randrange(1, 300)) for _ in range(50))
@@ -292,7 +292,7 @@ def replayed_heartbeats(name: str) -> Outcome:
 
 
 def forged_heartbeats(name: str) -> Outcome:
-    """Of who reads along: right numbers, right echoes. They keep a session without commands for 3 s."""
+    """Heartbeats of one who reads along: right numbers, right echoes. They keep a session without commands for 3 s."""
     scene = Scene(name)
     dead = scene.session_id
     scene.kill_master()
@@ -323,7 +323,7 @@ def invented_echoes(name: str) -> Outcome:
 
 
 def lying_clock(shift_s: float, name: str) -> Outcome:
-    """Of who reads along: right echoes, but a clock that is off. A burst of old commands comes after it.
+    """Heartbeats of one who reads along: right echoes, a clock that is off. A burst of old commands comes after it.
 
     It makes no old command new, and stops nothing: a stamp that is off moves nothing.
     """

@@ -38,24 +38,21 @@ class LiveCell:
         """States that the axes published last."""
         return {state.state for axis in AXES for state in self.traffic.messages(SLAVE_STATE, axis)[-1:]}
 
-    async def run(self, meanwhile: Callable[["LiveCell"], object]) -> None:
-        """To the fault, on until `meanwhile` is true, and to the end."""
-        async with self.runtime:
-            await self.runtime.stopping.wait()
-            while not meanwhile(self):  # noqa: ASYNC110 - in stepped time
-                await asyncio.sleep(0.001)
-        self.daemon.close(self.runtime.clock.now_ns())
-
 
 def live_cell(meanwhile: Callable[[LiveCell], object] = lambda _: True) -> LiveCell:
+    """Runs a cell to the fault, on until `meanwhile` is true, and to the end."""
     host = SteppedHost()
 
-    async def composed() -> LiveCell:
+    async def run() -> LiveCell:
         cell = LiveCell(host)
-        await cell.run(meanwhile)
+        async with cell.runtime:
+            await cell.runtime.stopping.wait()
+            while not meanwhile(cell):  # noqa: ASYNC110 - in stepped time
+                await asyncio.sleep(0.001)
+        cell.daemon.close(cell.runtime.clock.now_ns())
         return cell
 
-    return host.run(composed())
+    return host.run(run())
 
 
 def test_the_fault_is_published_and_logged_while_the_daemon_still_runs() -> None:

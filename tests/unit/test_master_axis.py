@@ -29,7 +29,7 @@ S = SafetyState
 
 @pytest.fixture
 def rig() -> Iterator[MasterRig]:
-    """With an open session; whatever happened, the hand was never pushed with more than it may be."""
+    """Rig with an open session; checks at its end that the hand was never pushed with more than it may be."""
     rig = MasterRig()
     rig.axis.serve(rig.now_ns)
     rig.answer()

@@ -37,11 +37,17 @@ def test_no_stage_stays_enabled_when_the_daemon_does_not_start(
     assert enabled(devices) == [False, False]
 
 
+def test_all_devices_are_open_while_the_daemon_lives_and_closed_after_it(devices: dict[str, Devices]) -> None:
+    cell = Cell()
+    assert enabled(devices) == [True, True]
+    cell.close()
+    assert enabled(devices) == [False, False]
+
+
 def test_a_session_that_is_broken_keeps_no_device_open_and_nothing_from_the_event_log(
     devices: dict[str, Devices],
 ) -> None:
     cell = Cell()
-    assert enabled(devices) == [True, True]
     for axis in cell.daemon.axes:
         axis.emergency_stop("pressed", "nurse")
     others = cell.network.session(cell.runtime.clock)  # whoever hears raises where it is put
