@@ -22,8 +22,8 @@ from tests.network import Party, Traffic
 S = 1_000_000_000
 DELAY_S = 0.010
 OVERSHOOT = 1.4
-"""Overshoot of the simulated servo (2 w s + w^2) / (s + w)^2: 1 + 2 / e^2, the integral of its impulse response without
-sign, and what a setpoint adds that is a tick ahead."""
+"""Overshoot of the simulated servo (2 w s + w^2) / (s + w)^2: 1 + 2 / e^2, the integral of its impulse
+response without sign, and what a setpoint adds that is a tick ahead."""
 
 
 class Cable:

@@ -292,7 +292,7 @@ def replayed_heartbeats(name: str) -> Outcome:
 
 
 def forged_heartbeats(name: str) -> Outcome:
-    """Heartbeats of one who reads along: right numbers, right echoes. They keep a session without commands for 3 s."""
+    """Right numbers and echoes, as of one who reads along; they keep a session without commands for 3 s."""
     scene = Scene(name)
     dead = scene.session_id
     scene.kill_master()
@@ -323,7 +323,7 @@ def invented_echoes(name: str) -> Outcome:
 
 
 def lying_clock(shift_s: float, name: str) -> Outcome:
-    """Heartbeats of one who reads along: right echoes, a clock that is off. A burst of old commands comes after it.
+    """Right echoes, as of one who reads along, but a clock that is off; then a burst of old commands.
 
     It makes no old command new, and stops nothing: a stamp that is off moves nothing.
     """
