@@ -260,7 +260,7 @@ class Felt:
         """The changes of the force after a further arming."""
         stamps_ns = np.array(self.actuator.stamps_ns[1:])
         found = np.zeros(len(stamps_ns), bool)
-        for engaged_s in self._pair.heard.times("engage")[1:]:
+        for engaged_s in self._pair.traffic.times("engage")[1:]:
             # the master hears of it half a round trip later
             later_s = stamps_ns / S - engaged_s - self._row.round_trip_s / 2
             found |= (later_s >= 0.0) & (later_s < SETTLED_S)
@@ -268,12 +268,12 @@ class Felt:
 
     def trace(self) -> Trace:
         """Of each command that the slave followed."""
-        heard = self._pair.heard
-        stage_m = {sample.answers_sequence: sample.position_m for sample in heard.messages(FORCE)}
-        haptics = {sample.sequence: sample for sample in heard.messages(HAPTICS)}
+        traffic = self._pair.traffic
+        stage_m = {sample.answers_sequence: sample.position_m for sample in traffic.messages(FORCE)}
+        haptics = {sample.sequence: sample for sample in traffic.messages(HAPTICS)}
         twin, most_n = self._twin(), self._most_n
         rows = []
-        for command in heard.messages(COMMAND):
+        for command in traffic.messages(COMMAND):
             true_n, haptic = twin.force_n(command), haptics[command.sequence]
             if command.sequence in stage_m and haptic.zoh_n is not None:
                 time_s, behind_m = (command.stamp_ns - self._start_ns) / S, stage_m[command.sequence]

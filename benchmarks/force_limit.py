@@ -150,15 +150,15 @@ class Case:
     @property
     def said_s(self) -> float:
         """From the first excess of 5 % to the first event about it."""
-        events = [m.stamp_ns / S for m in self.pair.heard.messages(LIMIT_EVENT) if m.rule == "over_limit"]
+        events = [m.stamp_ns / S for m in self.pair.traffic.messages(LIMIT_EVENT) if m.rule == "over_limit"]
         return min(events, default=inf) - self._exceeded_s
 
     def row(self) -> str:
-        reactions = [m.reaction_s for m in self.pair.heard.messages(SLAVE_STATE) if m.reaction_s]
+        reactions = [m.reaction_s for m in self.pair.traffic.messages(SLAVE_STATE) if m.reaction_s]
         limits = self.pair.slave.axes[0].settings.limits
         speed_m_s = open_speed_m_s(limits, Reaction(*reactions[-1]))
-        events = [event for _, event in self.pair.heard.events() if event in ("fault", "watchdog")]
-        armed = bool(self.pair.heard.times("engage"))
+        events = [event for _, event in self.pair.traffic.events() if event in ("fault", "watchdog")]
+        armed = bool(self.pair.traffic.times("engage"))
         return (
             f"{1e3 * speed_m_s:9.1f}{self.fastest_m_s / speed_m_s:9.2f}"
             f"{self.most_n:9.3f}{1e3 * self.said_s:9.0f}"
@@ -196,11 +196,11 @@ def across(round_trip_s: float) -> str:
     pair.to_slave.delay_s = pair.to_master.delay_s = round_trip_s / 2
     pair.run(DURATION_S)
     time_s, position_m, velocity_m_s, force_n = (
-        pair.heard.column(FORCE, name) for name in ("stamp_ns", "position_m", "velocity_m_s", "force_n")
+        pair.traffic.column(FORCE, name) for name in ("stamp_ns", "position_m", "velocity_m_s", "force_n")
     )
     later = time_s / S > KNOWN_S
     first = np.maximum.accumulate(position_m) < CONTACT_M
-    ticks = sum(m.count for m in pair.heard.messages(LIMIT_EVENT) if m.rule in ("contact_speed", "force"))
+    ticks = sum(m.count for m in pair.traffic.messages(LIMIT_EVENT) if m.rule in ("contact_speed", "force"))
     slowed = 0.1 * ticks / DURATION_S
     fastest = [1e3 * velocity_m_s[part & (position_m < CONTACT_M)].max() for part in (first, later)]
     most = 100.0 * (np.abs(force_n).max() / LIMITS.max_force_n - 1.0)

@@ -20,7 +20,7 @@ from forefeel.common.topics import BY_NAME, Topic
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from tests.live_cell import Process, free_port
-from tests.unit.dashboard.said import CELL, MS, Spoken, talk
+from tests.unit.dashboard.talk import CELL, MS, Spoken, talk
 from tests.waiting import PATIENCE_S, wait_until
 
 CHROMIUM = Path("/usr/bin/chromium")

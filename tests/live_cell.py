@@ -8,7 +8,6 @@ import sys
 import time
 from collections import defaultdict, deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -29,7 +28,7 @@ from tests.waiting import PATIENCE_S, wait_until
 ROOT = Path(__file__).parents[1]
 CELL, AXIS = "cell", "insertion"
 M = TypeVar("M", bound=Message)
-_KEPT = 30_000
+_MOST = 30_000
 
 
 def free_port() -> int:
@@ -80,11 +79,11 @@ class Process:
 
     @property
     def text(self) -> str:
-        """What it has printed since it was started."""
+        """Output since it was started."""
         return self.log.read_bytes()[self._from :].decode(errors="replace")
 
     def wait_for(self, text: str) -> None:
-        """Until it has printed that."""
+        """Waits until it has printed that."""
         wait_until(lambda: text in self.text or not self.running, what=f"{text!r} of the {self.role}")
         assert text in self.text, self.text
 
@@ -96,11 +95,11 @@ class Process:
         self.process.send_signal(number)
 
     def interrupt(self) -> None:
-        """As Ctrl-C in a terminal does: its children get the signal, too."""
+        """Sends SIGINT to it and its children, as Ctrl-C in a terminal does."""
         os.killpg(self.process.pid, signal.SIGINT)
 
     def group_runs(self) -> bool:
-        """Whether anything is left of the process and its children."""
+        """True while anything is left of the process and its children."""
         try:
             os.killpg(self.process.pid, 0)
         except ProcessLookupError:
@@ -108,7 +107,7 @@ class Process:
         return True
 
     def kill(self) -> None:
-        """With its children."""
+        """Kills it and its children."""
         if self.group_runs():
             os.killpg(self.process.pid, signal.SIGKILL)
         self.process.wait()
@@ -117,14 +116,6 @@ class Process:
         status = Path(f"/proc/{self.process.pid}/status").read_text(encoding="ascii")
         line = next(line for line in status.splitlines() if line.startswith("VmRSS"))
         return int(line.split()[1]) / 1024
-
-
-@dataclass(frozen=True, slots=True)
-class Heard:
-    """One payload, and when it was received."""
-
-    payload: bytes
-    stamp_ns: int
 
 
 class LiveCell:
@@ -145,7 +136,7 @@ class LiveCell:
         self.endpoint, self.own, self.master_endpoint = (
             f"{protocol}/127.0.0.1:{free_port()}" for _ in range(3)
         )
-        self.heard: defaultdict[str, deque[Heard]] = defaultdict(lambda: deque(maxlen=_KEPT))
+        self.received: defaultdict[str, deque[tuple[bytes, int]]] = defaultdict(lambda: deque(maxlen=_MOST))
         self.watch: Callable[[str, bytes], None] | None = None
         self.faults: list[Exception] = []
         self.started: list[Process] = []
@@ -155,12 +146,12 @@ class LiveCell:
             self.faults.append,
             Party("recorder", (CELL,)),
         )
-        self.observer.subscribe_all(f"forefeel/{CELL}", self._hear)
+        self.observer.subscribe_all(f"forefeel/{CELL}", self._receive)
         self.write_slave(slave or {})
         self.write_master(master or {})
 
-    def _hear(self, key: str, payload: bytes, stamp_ns: int) -> None:
-        self.heard[key].append(Heard(payload, stamp_ns))
+    def _receive(self, key: str, payload: bytes, stamp_ns: int) -> None:
+        self.received[key].append((payload, stamp_ns))
         if self.watch is not None:
             self.watch(key, payload)
 
@@ -204,7 +195,7 @@ class LiveCell:
         return ends
 
     def await_state(self, state: str, timeout_s: float = PATIENCE_S) -> float:
-        """Until the slave says so, from now on; how long that took in s."""
+        """Waits until the slave reports that state from now on; s that it took."""
         now_ns = time.monotonic_ns()
         try:
             return wait_until(lambda: self.newest_after(now_ns) == state, timeout_s, state)
@@ -221,13 +212,13 @@ class LiveCell:
 
     def newest_state(self) -> tuple[int, SlaveState] | None:
         """(when it was received, state of the slave)."""
-        heard = self.heard[SLAVE_STATE.key(CELL, AXIS)]
-        return (heard[-1].stamp_ns, decode(SlaveState, heard[-1].payload)) if heard else None
+        received = self.received[SLAVE_STATE.key(CELL, AXIS)]
+        return (received[-1][1], decode(SlaveState, received[-1][0])) if received else None
 
     def since(self, topic: Topic[M], stamp_ns: int) -> list[M]:
         """The messages of a topic that were received since."""
-        heard = list(self.heard[topic.key(CELL, AXIS)])
-        messages = [one for each in heard for one in observed(topic, each.payload, each.stamp_ns)]
+        received = list(self.received[topic.key(CELL, AXIS)])
+        messages = [one for payload, at_ns in received for one in observed(topic, payload, at_ns)]
         return [message for message, received_ns in messages if received_ns >= stamp_ns]
 
     def messages(self, topic: Topic[M]) -> list[M]:

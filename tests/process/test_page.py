@@ -12,7 +12,8 @@ from forefeel.common.messages import EmergencyStop, SafetyState
 from forefeel.common.topics import EMERGENCY_STOP, FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
 from forefeel.report.page import write_report
 from tests.browser import Served, Shown, Speaker, installed_chromium
-from tests.unit.dashboard.said import CELL, HOSTILE, safety
+from tests.messages import usual
+from tests.unit.dashboard.talk import CELL, HOSTILE
 from tests.unit.report_run import write_known_run
 from tests.waiting import wait_until
 
@@ -98,7 +99,7 @@ def check_hostile_text(shown: Shown, speaker: Speaker) -> None:
     events = shown.page.locator('[data-id="events"]')
 
     def stands_there() -> bool:
-        speaker.say(SAFETY_EVENT, safety(reason=HOSTILE), HOSTILE_AXIS)
+        speaker.say(SAFETY_EVENT, usual(SAFETY_EVENT, reason=HOSTILE), HOSTILE_AXIS)
         return "<img src=x onerror" in events.inner_text()
 
     shown.until(stands_there, "the event")

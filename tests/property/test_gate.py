@@ -3,8 +3,10 @@ from hypothesis import strategies as st
 
 from forefeel.common.clock_offset import OffsetEstimate
 from forefeel.common.messages import MOST_POSITION_M, MotionCommand
+from forefeel.common.topics import COMMAND
 from forefeel.slave.gate import CommandGate, GateLimits
 from tests.clocks import compared
+from tests.messages import usual
 
 MS = 1_000_000
 S = 1_000_000_000
@@ -56,14 +58,7 @@ def test_on_any_network_nothing_older_than_the_limit_is_admitted_and_nothing_fre
         arrivals.append((sent_ns + base_ns + excess_ns, i + 1, sent_ns, excess_ns))
     newest = 0
     for heard_ns, sequence, stamp_ns, excess_ns in sorted(arrivals):
-        asked = MotionCommand(
-            session_id=1,
-            sequence=sequence,
-            stamp_ns=stamp_ns + offset_ns,
-            position_m=0.0,
-            velocity_m_s=0.0,
-            deadman=True,
-        )
+        asked = usual(COMMAND, session_id=1, sequence=sequence, stamp_ns=stamp_ns + offset_ns)
         admitted = gate.admit(asked, heard_ns, clock) is None
         assert not (admitted and (sequence <= newest or excess_ns > 100 * MS))
         assert admitted or sequence <= newest or excess_ns > 100 * MS

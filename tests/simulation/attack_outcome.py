@@ -1,4 +1,4 @@
-"""What came of an attack."""
+"""Outcome of an attack, and the one that is expected."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """What must come of an attack.
+    """Required outcome of an attack.
 
     `counted`: the slave's counter that shows it, by at least `times`. `told`: the rule of a LimitEvent or the
     name of a SafetyEvent, empty where a counter is all. `armed`: the least share of the time in which the
@@ -22,7 +22,7 @@ class Expected:
 
 @dataclass(slots=True)
 class Outcome:
-    """What was seen.
+    """Outcome of an attack.
 
     `logged`: events of the log by name, None where there is no log. `wrong`: all that is not as it
     must be; empty: the attack was refused.

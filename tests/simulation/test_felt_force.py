@@ -10,7 +10,7 @@ from forefeel.common.topics import FORCE, HAPTICS
 from forefeel.loopback.plan import LoopbackOptions, Plan, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.master.passivity import PassivityLimit
-from tests.simulation.pair import heard_in
+from tests.network import traffic_of
 
 WALL_N_M = 400.0
 """The synthetic operator's arm has 250 N/m: reflected late, such a wall has a loop gain above one."""
@@ -20,9 +20,9 @@ def _felt(source: str) -> tuple[float, float]:
     """10 s of strokes against the wall: lowest energy in J; rms speed of the handle in the last 4 s."""
     loop = VirtualLoopback(_plan(source), seed=1)
     loop.run(lambda _done_s: None)
-    heard = heard_in(loop)
-    speed_m_s = np.gradient(heard.column(HAPTICS, "handle_position_m"), 1e-3)
-    return heard.column(HAPTICS, "energy_j").min(), float(np.sqrt(np.mean(speed_m_s[-4000:] ** 2)))
+    traffic = traffic_of(loop)
+    speed_m_s = np.gradient(traffic.column(HAPTICS, "handle_position_m"), 1e-3)
+    return traffic.column(HAPTICS, "energy_j").min(), float(np.sqrt(np.mean(speed_m_s[-4000:] ** 2)))
 
 
 def _plan(source: str, stiffness_n_m: float = WALL_N_M, limit_n: float = 40.0) -> Plan:
@@ -58,9 +58,9 @@ def test_the_prediction_knows_what_the_slaves_force_limit_leaves_of_a_command() 
     """A wall of 1000 N/m, of which the limit leaves 2 mm where the hand asks for more."""
     loop = VirtualLoopback(_plan("predicted", 1000.0, limit_n=2.0), seed=1)
     loop.run(lambda _done_s: None)
-    heard = heard_in(loop)
-    predicted = {sample.sequence: sample for sample in heard.messages(HAPTICS)}
-    samples = [sample for sample in heard.messages(FORCE) if sample.answers_sequence in predicted][-4000:]
+    traffic = traffic_of(loop)
+    predicted = {sample.sequence: sample for sample in traffic.messages(HAPTICS)}
+    samples = [sample for sample in traffic.messages(FORCE) if sample.answers_sequence in predicted][-4000:]
     assert sum(sample.force_limited for sample in samples) > 500
     expected = [predicted[sample.answers_sequence or 0] for sample in samples]
     rows = [(p.predicted_n or 0.0, p.zoh_n or 0.0, s.force_n) for p, s in zip(expected, samples, strict=True)]

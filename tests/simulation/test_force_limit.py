@@ -13,7 +13,7 @@ MOST_N = 3.1
 
 
 def rules(case: Case) -> set[str]:
-    return {event.rule for event in case.pair.heard.messages(LIMIT_EVENT)}
+    return {event.rule for event in case.pair.traffic.messages(LIMIT_EVENT)}
 
 
 @pytest.mark.parametrize("name", ["cell 50 ms late", "cell of 20 Hz", "filter of 5 Hz", "stage of 8 Hz"])
@@ -21,7 +21,7 @@ def test_limit_holds_at_the_speed_that_it_prints_however_late_the_force_is(name:
     case = Case(**CASES[name], seed=SEED)
     case.pair.run(6.0)
     assert 2.5 < case.most_n <= MOST_N
-    (armed,) = {e.reason for e in case.pair.heard.messages(SAFETY_EVENT) if e.event == "engage"}
+    (armed,) = {e.reason for e in case.pair.traffic.messages(SAFETY_EVENT) if e.event == "engage"}
     claimed = re.search(r"limit 3 N holds up to ([\d.]+) mm/s against walls up to 3000 N/m", armed)
     assert claimed
     assert case.fastest_m_s > 0.6e-3 * float(claimed[1])
@@ -32,7 +32,7 @@ def test_a_loop_that_becomes_late_on_the_way_is_said_and_then_a_fault() -> None:
     case.pair.run(5.2)
     assert "reading_late" in rules(case)
     case.pair.run(0.6)
-    assert case.pair.heard.times("fault")
+    assert case.pair.traffic.times("fault")
     assert case.most_n <= MOST_N
 
 
@@ -40,7 +40,7 @@ def test_an_axis_whose_force_limit_leaves_no_speed_does_not_arm() -> None:
     case = Case(late_ms=150, wall_n_m=10_000.0, seed=SEED)
     case.pair.run(3.0)
     assert rules(case) == {SLOW_LIMIT}
-    assert not case.pair.heard.times("engage")
+    assert not case.pair.traffic.times("engage")
 
 
 @pytest.mark.parametrize(
@@ -54,20 +54,20 @@ def test_a_force_above_its_limit_is_said_at_once_and_of_a_wall_that_moves_the_st
     case.pair.run(5.0)
     assert 0.0 <= case.said_s < 0.1
     assert 3.15 < case.most_n < most_n
-    assert not case.pair.heard.times("fault")
-    assert any(state.over_limit for state in case.pair.heard.messages(SLAVE_STATE))
+    assert not case.pair.traffic.times("fault")
+    assert any(state.over_limit for state in case.pair.traffic.messages(SLAVE_STATE))
 
 
 def test_a_zero_that_is_off_keeps_a_session_from_its_first_arming() -> None:
     case = Case(**CASES["zero off by -1.5 N"], seed=SEED)
     case.pair.run(3.0)
     assert rules(case) == {ZERO}
-    assert not case.pair.heard.times("engage")
+    assert not case.pair.traffic.times("engage")
 
 
 def test_a_load_cell_of_the_wrong_sign_is_a_fault_in_the_first_contact() -> None:
     case = Case(**CASES["cell of the wrong sign"], seed=SEED)
     case.pair.run(3.0)
-    (reason,) = {e.reason for e in case.pair.heard.messages(SAFETY_EVENT) if e.event == "fault"}
+    (reason,) = {e.reason for e in case.pair.traffic.messages(SAFETY_EVENT) if e.event == "fault"}
     assert "load_cell.sign" in reason
     assert case.most_n < 4.6

@@ -44,18 +44,18 @@ class Wall:
 
     @property
     def lost(self) -> int:
-        return sum(event.rule == CONTACT_LOST for event in self.pair.heard.messages(MASTER_LIMIT))
+        return sum(event.rule == CONTACT_LOST for event in self.pair.traffic.messages(MASTER_LIMIT))
 
     def felt_s(self) -> float:
         """Until when, after the first zero of a motion beyond the wall arrived, the hand feels it."""
         zero_s = next(
             self.s(sample.stamp_ns)
-            for sample in self.pair.heard.messages(FORCE)
+            for sample in self.pair.traffic.messages(FORCE)
             if self.s(sample.stamp_ns) > self.gone_s and sample.position_m > CONTACT_M
         )
         felt_s = [
             self.s(sample.stamp_ns)
-            for sample in self.pair.heard.messages(HAPTICS)
+            for sample in self.pair.traffic.messages(HAPTICS)
             if abs(sample.rendered_n) > FELT_N
         ]
         return max(felt_s) - zero_s - DELAY_S / 2

@@ -25,10 +25,10 @@ def in_contact() -> Pair:
     pair = Pair(plan.slave, plan.master)
     pair.to_slave.delay_s = pair.to_master.delay_s = 0.15
     pair.run(4.0)
-    while pair.heard.messages(FORCE)[-1].force_n < 0.9:
+    while pair.traffic.messages(FORCE)[-1].force_n < 0.9:
         pair.run(0.02)
     pair.run(0.15)
-    assert pair.heard.messages(SLAVE_STATE)[-1].state.value == "armed"
+    assert pair.traffic.messages(SLAVE_STATE)[-1].state.value == "armed"
     return pair
 
 
@@ -44,9 +44,9 @@ def test_a_prediction_out_of_reach_is_reported_within_300_ms_and_the_stage_stops
         prediction, "predict", lambda *given: (said := predict(*given)) and said._replace(force_n=predicted_n)
     )
     pair.run(0.6)
-    reported_s = [m.stamp_ns / S for m in pair.heard.messages(MASTER_LIMIT) if m.rule == DISTRUSTED]
+    reported_s = [m.stamp_ns / S for m in pair.traffic.messages(MASTER_LIMIT) if m.rule == DISTRUSTED]
     assert reported_s[0] - since_s <= 0.3
-    (stopped_s,) = (stop_s for stop_s in pair.heard.times("release") if stop_s > since_s)
+    (stopped_s,) = (stop_s for stop_s in pair.traffic.times("release") if stop_s > since_s)
     assert stopped_s - since_s <= 0.5
     assert len(pair.master.axes[0].events.notices.drain()) > 0
 
@@ -54,4 +54,4 @@ def test_a_prediction_out_of_reach_is_reported_within_300_ms_and_the_stage_stops
 def test_a_right_prediction_is_believed() -> None:
     pair = in_contact()
     pair.run(6.0)
-    assert not [m for m in pair.heard.messages(MASTER_LIMIT) if m.rule == DISTRUSTED]
+    assert not [m for m in pair.traffic.messages(MASTER_LIMIT) if m.rule == DISTRUSTED]

@@ -4,7 +4,7 @@ from forefeel.common.messages import Grip
 from forefeel.common.topics import FORCE
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
-from tests.simulation.pair import heard_in
+from tests.network import traffic_of
 
 
 def test_a_commanded_restroke_inserts_further_and_each_grip_is_a_new_contact() -> None:
@@ -12,7 +12,7 @@ def test_a_commanded_restroke_inserts_further_and_each_grip_is_a_new_contact() -
     plan.master["axes"][0]["handle"]["restroke"] = True
     loop = VirtualLoopback(plan, seed=1)
     loop.run(lambda _done_s: None)
-    samples = heard_in(loop).messages(FORCE)
+    samples = traffic_of(loop).messages(FORCE)
     grips = [s.gripper for s in samples]
     openings = [i for i in range(1, len(grips)) if (grips[i - 1], grips[i]) == (Grip.CLOSED, Grip.OPEN)]
     closings = [i for i in range(1, len(grips)) if (grips[i - 1], grips[i]) == (Grip.OPEN, Grip.CLOSED)]

@@ -22,7 +22,7 @@ def armed() -> Pair:
 
 def reported(pair: Pair, path: Path) -> RunReport:
     with RunWriter(path) as writer:
-        for key, payload, stamp_ns in pair.payloads:
+        for key, payload, stamp_ns in pair.traffic.payloads:
             parsed = parse_key(key)
             if parsed is not None and parsed[2].recorded:
                 writer.write(key, payload, stamp_ns)

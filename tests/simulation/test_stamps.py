@@ -16,7 +16,7 @@ from forefeel.common.topics import (
     SLAVE_STATE,
     Topic,
 )
-from tests.simulation.pair import AXIS, Pair, S
+from tests.simulation.pair import Pair, S
 
 CONTACT_S, END_S = 4.0, 6.0
 STAMP, ANSWER = "stamp_ns", "answers_stamp_ns"
@@ -33,7 +33,7 @@ def started(until_s: float) -> Pair:
 def undisturbed() -> list[HapticSample]:
     pair = started(CONTACT_S)
     pair.run(END_S - CONTACT_S)
-    return pair.heard.messages(HAPTICS)
+    return pair.traffic.messages(HAPTICS)
 
 
 def felt(samples: list[HapticSample]) -> list[tuple[float | None, ...]]:
@@ -55,7 +55,7 @@ def test_a_lone_stamp_ahead_is_counted_and_costs_the_hand_nothing(
     topic: Topic[Any], field: str, counter: str, ahead_s: float
 ) -> None:
     pair = started(CONTACT_S)
-    newest = pair.heard.messages(topic)[-1]
+    newest = pair.traffic.messages(topic)[-1]
     put(
         pair,
         topic,
@@ -63,24 +63,23 @@ def test_a_lone_stamp_ahead_is_counted_and_costs_the_hand_nothing(
         **{"sequence": newest.sequence + 1000, field: getattr(newest, field) + round(ahead_s * S)},
     )
     pair.run(END_S - CONTACT_S)
-    assert felt(pair.heard.messages(HAPTICS)) == felt(undisturbed())
+    assert felt(pair.traffic.messages(HAPTICS)) == felt(undisturbed())
     states: Topic[Any] = MASTER_STATE if topic.publisher == "slave" else SLAVE_STATE
-    assert pair.heard.messages(states)[-1].counters[counter] == 1
+    assert pair.traffic.messages(states)[-1].counters[counter] == 1
 
 
 @pytest.mark.parametrize("topic", [MASTER_HEARTBEAT, SLAVE_HEARTBEAT])
 def test_a_lone_echo_that_lies_neither_stops_nor_silences(topic: Topic[Any]) -> None:
     """As if the answer had been there at once: the shortest round trip that can be."""
     pair = started(CONTACT_S)
-    newest = pair.heard.messages(topic)[-1]
+    newest = pair.traffic.messages(topic)[-1]
     put(pair, topic, newest, stamp_ns=newest.stamp_ns + 1000, echo_receive_ns=newest.stamp_ns)
     pair.run(END_S - CONTACT_S)
-    assert felt(pair.heard.messages(HAPTICS)) == felt(undisturbed())
+    assert felt(pair.traffic.messages(HAPTICS)) == felt(undisturbed())
 
 
 def put(pair: Pair, topic: Topic[Any], message: Message, **changes: int) -> None:
-    send = pair.stranger().publisher(topic.taken_key("cell", AXIS), topic.qos)
-    send(encode(message.model_copy(update=changes)))
+    pair.stranger().put(topic, encode(message.model_copy(update=changes)))
 
 
 @pytest.mark.parametrize(("end", "sessions"), [("slave", 2), ("master", 1)])
@@ -91,13 +90,13 @@ def test_a_clock_that_was_set_ends_the_following_within_300_ms_and_the_axis_arms
     before_s = pair.run(0.0)
     (pair.slave_host if end == "slave" else pair.master_host).step(10 * S)
     pair.run(0.3)
-    (stopped_s,) = pair.heard.times("watchdog")
+    (stopped_s,) = pair.traffic.times("watchdog")
     assert stopped_s % 10 - before_s < 0.3
     pair.run(0.2)
     pair.master.axes[0].report(pair.master_host.clock.now_ns())
-    assert pair.heard.messages(MASTER_STATE)[-1].counters.get("clock_steps", 0) == (
+    assert pair.traffic.messages(MASTER_STATE)[-1].counters.get("clock_steps", 0) == (
         2 if end == "slave" else 0
     )
     pair.run(8.0)
-    assert pair.heard.messages(SLAVE_STATE)[-1].state.value == "armed"
-    assert len(pair.heard.times("session_opened")) == sessions
+    assert pair.traffic.messages(SLAVE_STATE)[-1].state.value == "armed"
+    assert len(pair.traffic.times("session_opened")) == sessions

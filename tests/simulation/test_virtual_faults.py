@@ -35,9 +35,9 @@ def test_the_stage_never_leaves_limits_that_the_operator_would() -> None:
     pair = Pair(limits, limits)
     pair.run(6)
     position_m, velocity_m_s, force_n = (
-        pair.heard.column(FORCE, name) for name in ("position_m", "velocity_m_s", "force_n")
+        pair.traffic.column(FORCE, name) for name in ("position_m", "velocity_m_s", "force_n")
     )
-    asked_m = pair.heard.column(COMMAND, "position_m")
+    asked_m = pair.traffic.column(COMMAND, "position_m")
     assert asked_m.max() > 0.030
     assert position_m.min() > -0.002
     assert position_m.max() <= 0.020
@@ -45,10 +45,10 @@ def test_the_stage_never_leaves_limits_that_the_operator_would() -> None:
     assert np.abs(velocity_m_s).max() <= OVERSHOOT * 0.02
     assert np.abs(np.diff(velocity_m_s)).max() <= OVERSHOOT * 0.5 * TICK_S
     assert force_n.max() < 0.15 * 1.25  # without the limit 0.25 N; the stage brakes in 0.4 mm, the servo lags
-    rules = {event.rule for event in pair.heard.messages(LIMIT_EVENT)}
+    rules = {event.rule for event in pair.traffic.messages(LIMIT_EVENT)}
     assert {"workspace", "velocity", "acceleration", "force"} <= rules
-    published = sum(event.count for event in pair.heard.messages(LIMIT_EVENT))
-    assert 0 <= pair.heard.messages(SLAVE_STATE)[-1].counters["limit_interventions"] - published < 400
+    published = sum(event.count for event in pair.traffic.messages(LIMIT_EVENT))
+    assert 0 <= pair.traffic.messages(SLAVE_STATE)[-1].counters["limit_interventions"] - published < 400
 
 
 @pytest.fixture(scope="module")
@@ -70,16 +70,16 @@ def test_a_stall_stops_the_stage_and_its_burst_of_old_commands_moves_nothing(
     stalled: Callable[[float], tuple[Pair, float]], stall_s: float
 ) -> None:
     pair, start_s = stalled(stall_s)
-    heard = pair.heard
-    stops_s = heard.times("watchdog")
+    traffic = pair.traffic
+    stops_s = traffic.times("watchdog")
     assert len(stops_s) == 1
     # the last command came in after the cable's delay and one tick
     assert start_s + DELAY_S + WATCHDOG_S - TICK_S < stops_s[0] < start_s + DELAY_S + WATCHDOG_S + 2 * TICK_S
-    again_s = next(time_s for time_s in heard.times("engage") if time_s > stops_s[0])
+    again_s = next(time_s for time_s in traffic.times("engage") if time_s > stops_s[0])
     assert again_s > start_s + stall_s
-    time_s = heard.column(FORCE, "stamp_ns") / S
-    position_m, velocity_m_s = (heard.column(FORCE, name) for name in ("position_m", "velocity_m_s"))
-    rest_s = next(time_s for time_s in heard.times("at_rest") if time_s >= stops_s[0])
+    time_s = traffic.column(FORCE, "stamp_ns") / S
+    position_m, velocity_m_s = (traffic.column(FORCE, name) for name in ("position_m", "velocity_m_s"))
+    rest_s = next(time_s for time_s in traffic.times("at_rest") if time_s >= stops_s[0])
     assert np.abs(velocity_m_s[np.searchsorted(time_s, stops_s[0])]) > 0.005
     assert rest_s - stops_s[0] < 0.2 / 4.0 + 0.05 + TICK_S  # from the highest speed at 4 m/s2; seen for 50 ms
     resting = (time_s > rest_s + 0.1) & (time_s < again_s)
@@ -87,10 +87,12 @@ def test_a_stall_stops_the_stage_and_its_burst_of_old_commands_moves_nothing(
     assert np.ptp(position_m[resting]) <= 1e-6
     assert np.abs(velocity_m_s[resting]).max() < 1e-5
     ages_s = [
-        (s.stamp_ns - s.answers_stamp_ns) / S for s in heard.messages(FORCE) if s.answers_stamp_ns is not None
+        (s.stamp_ns - s.answers_stamp_ns) / S
+        for s in traffic.messages(FORCE)
+        if s.answers_stamp_ns is not None
     ]
     assert max(ages_s) < DELAY_S + WATCHDOG_S + 3 * TICK_S
-    state = heard.messages(SLAVE_STATE)[-1]
+    state = traffic.messages(SLAVE_STATE)[-1]
     assert (state.stops, state.state.value) == (1, "armed")
     # commands of the last 100 ms of the stall are fresh enough, though nothing follows them; the loop takes
     # the burst in several ticks, in which some become too old, and the rest is of a session that is over
@@ -100,12 +102,12 @@ def test_a_stall_stops_the_stage_and_its_burst_of_old_commands_moves_nothing(
 
 def test_a_session_that_a_stall_outlived_is_replaced(stalled: Callable[[float], tuple[Pair, float]]) -> None:
     pair, start_s = stalled(2.0)
-    lost_s, opened_s = pair.heard.times("session_lost")[0], pair.heard.times("session_opened")
+    lost_s, opened_s = pair.traffic.times("session_lost")[0], pair.traffic.times("session_opened")
     assert start_s + 0.9 < lost_s < start_s + 1.0 + 0.1  # the lease, from the last heartbeat
     assert start_s + 2.0 < opened_s[1] < start_s + 2.5
-    sessions = {sample.session_id for sample in pair.heard.messages(COMMAND)}
+    sessions = {sample.session_id for sample in pair.traffic.messages(COMMAND)}
     assert len(sessions) == 2
-    assert pair.heard.messages(SLAVE_STATE)[-1].counters["handshakes_accepted"] >= 2
+    assert pair.traffic.messages(SLAVE_STATE)[-1].counters["handshakes_accepted"] >= 2
 
 
 def test_a_way_that_became_longer_for_good_stops_and_is_measured_anew_by_a_new_session() -> None:
@@ -113,14 +115,14 @@ def test_a_way_that_became_longer_for_good_stops_and_is_measured_anew_by_a_new_s
     start_s = pair.run(2.0)
     pair.to_slave.delay_s = DELAY_S + 0.150
     pair.run(5.5)
-    lost = [m for m in pair.heard.messages(SAFETY_EVENT) if m.event == "session_lost"]
-    assert start_s < pair.heard.times("watchdog")[0] < start_s + 0.150 + 0.1
+    lost = [m for m in pair.traffic.messages(SAFETY_EVENT) if m.event == "session_lost"]
+    assert start_s < pair.traffic.times("watchdog")[0] < start_s + 0.150 + 0.1
     assert [m.before.value for m in lost] == ["ready"]
     assert lost[0].reason.startswith("commands come late all the time")
     assert start_s + 3.0 < lost[0].stamp_ns / S < start_s + 3.5
-    assert pair.heard.messages(SLAVE_STATE)[-1].state.value == "armed"
-    assert len({sample.session_id for sample in pair.heard.messages(COMMAND)}) == 2
-    delay_s = pair.heard.column(HAPTICS, "delay_s")[-1]
+    assert pair.traffic.messages(SLAVE_STATE)[-1].state.value == "armed"
+    assert len({sample.session_id for sample in pair.traffic.messages(COMMAND)}) == 2
+    delay_s = pair.traffic.column(HAPTICS, "delay_s")[-1]
     assert delay_s == pytest.approx(2 * DELAY_S + 0.150, abs=3 * TICK_S)
 
 
@@ -129,16 +131,16 @@ def test_forces_that_stand_still_fade_from_the_hand_and_the_slave_is_let_go() ->
     start_s = pair.run(2.0)
     pair.to_master.stalls.append((start_s, start_s + 2.0))
     pair.run(4.0)
-    time_s = pair.heard.column(HAPTICS, "stamp_ns") / S
-    rendered_n = pair.heard.column(HAPTICS, "rendered_n")
+    time_s = pair.traffic.column(HAPTICS, "stamp_ns") / S
+    rendered_n = pair.traffic.column(HAPTICS, "rendered_n")
     blind = (time_s > start_s + DELAY_S + 0.1 + 0.2 + 2 * TICK_S) & (time_s < start_s + 2.0)
     assert blind.sum() > 200
     assert not rendered_n[blind].any()
     assert np.abs(np.diff(rendered_n)).max() <= 80.0 * TICK_S + 1e-9
-    released_s = pair.heard.times("release")[0]
+    released_s = pair.traffic.times("release")[0]
     assert released_s < start_s + 0.5 + 2 * DELAY_S + 0.020 + 3 * TICK_S  # a state is stale after 0.5 s
-    assert pair.heard.times("engaged")[-1] > start_s + 2.0
-    assert pair.heard.messages(SLAVE_STATE)[-1].state.value == "armed"
+    assert pair.traffic.times("engaged")[-1] > start_s + 2.0
+    assert pair.traffic.messages(SLAVE_STATE)[-1].state.value == "armed"
 
 
 def test_a_slave_whose_host_was_started_again_is_seen_and_learned_from() -> None:
@@ -150,8 +152,8 @@ def test_a_slave_whose_host_was_started_again_is_seen_and_learned_from() -> None
     pair.to_master.cuts.append((died_s, died_s + 0.1))
     pair.start_slave()
     pair.run(2.5)
-    assert pair.heard.messages(MASTER_STATE)[-1].indication == "armed"
-    learned = [(m.stamp_ns / S, m.samples) for m in pair.heard.messages(PARAMETERS)]
+    assert pair.traffic.messages(MASTER_STATE)[-1].indication == "armed"
+    learned = [(m.stamp_ns / S, m.samples) for m in pair.traffic.messages(PARAMETERS)]
     before = max(samples for time_s, samples in learned if time_s < died_s)
     assert learned[-1][1] not in (0, before)
     assert learned[-1][1] > learned[-10][1]
@@ -167,22 +169,22 @@ def test_two_axes_run_in_one_pair_and_a_stop_of_one_stops_both() -> None:
     stopped_s = pair.run(2.0)
     axes = ["insertion", "rotation"]
     for axis in axes:
-        assert pair.heard.messages(SLAVE_STATE, axis)[-1].state.value == "armed"
-        assert np.abs(pair.heard.column(FORCE, "velocity_m_s", axis)).max() > 0.005
+        assert pair.traffic.messages(SLAVE_STATE, axis)[-1].state.value == "armed"
+        assert np.abs(pair.traffic.column(FORCE, "velocity_m_s", axis)).max() > 0.005
     pair.master.axes[1].emergency_stop("smoke", pair.runtime.clock.now_ns())
     pair.run(1.0)
     for axis in axes:
-        (halt_s,) = pair.heard.times("estop", axis)
+        (halt_s,) = pair.traffic.times("estop", axis)
         assert stopped_s < halt_s <= stopped_s + DELAY_S + 3 * TICK_S
-        time_s = pair.heard.column(FORCE, "stamp_ns", axis) / S
-        assert np.ptp(pair.heard.column(FORCE, "position_m", axis)[time_s > halt_s + 0.15]) <= 1e-6
-        assert pair.heard.events(axis)[-1][1] == "estop"
-    assert pair.heard.messages(SLAVE_STATE, "rotation")[-1].reason == "master: smoke"
-    assert "rotation" in pair.heard.messages(SLAVE_STATE, "insertion")[-1].reason
+        time_s = pair.traffic.column(FORCE, "stamp_ns", axis) / S
+        assert np.ptp(pair.traffic.column(FORCE, "position_m", axis)[time_s > halt_s + 0.15]) <= 1e-6
+        assert pair.traffic.events(axis)[-1][1] == "estop"
+    assert pair.traffic.messages(SLAVE_STATE, "rotation")[-1].reason == "master: smoke"
+    assert "rotation" in pair.traffic.messages(SLAVE_STATE, "insertion")[-1].reason
     pair.slave.axes[1].clear()
     pair.run(0.5)  # one alone can not be cleared
-    assert [pair.heard.messages(SLAVE_STATE, axis)[-1].state.value for axis in axes] == ["estopped"] * 2
+    assert [pair.traffic.messages(SLAVE_STATE, axis)[-1].state.value for axis in axes] == ["estopped"] * 2
     for axis_ in pair.slave.axes:
         axis_.clear()
     pair.run(1.2)
-    assert [pair.heard.messages(SLAVE_STATE, axis)[-1].state.value for axis in axes] == ["armed"] * 2
+    assert [pair.traffic.messages(SLAVE_STATE, axis)[-1].state.value for axis in axes] == ["armed"] * 2

@@ -89,13 +89,13 @@ def broken() -> "tuple[Rig, float]":
 
 def test_the_operators_hand_moves_the_stage_and_feels_it(broken: tuple[Rig, float]) -> None:
     rig, fault_s = broken
-    heard = rig.pair.heard
-    stage_m, hand_m = heard.column(FORCE, "position_m"), heard.column(HAPTICS, "handle_position_m")
+    traffic = rig.pair.traffic
+    stage_m, hand_m = traffic.column(FORCE, "position_m"), traffic.column(HAPTICS, "handle_position_m")
     assert stage_m.max() > 0.015
     assert hand_m.max() == pytest.approx(stage_m.max(), abs=0.003)
-    rendered_n = heard.column(HAPTICS, "rendered_n")
+    rendered_n = traffic.column(HAPTICS, "rendered_n")
     assert rendered_n.max() > 0.05
-    before = heard.column(HAPTICS, "stamp_ns") / S < fault_s
+    before = traffic.column(HAPTICS, "stamp_ns") / S < fault_s
     # 2 N/A, to the milliampere, a millisecond later
     assert max(rig.currents_a) == pytest.approx(rendered_n[before].max() / 2.0, abs=0.002)
     assert rig.handle.counters["frames_lost"] == 0
@@ -103,13 +103,13 @@ def test_the_operators_hand_moves_the_stage_and_feels_it(broken: tuple[Rig, floa
 
 def test_a_handle_that_fails_stops_the_stage_and_says_why(broken: tuple[Rig, float]) -> None:
     rig, fault_s = broken
-    heard = rig.pair.heard
-    (release_s,) = heard.times("release")
+    traffic = rig.pair.traffic
+    (release_s,) = traffic.times("release")
     assert fault_s < release_s < fault_s + 0.010 + 5 * TICK_S  # the cable's delay, the frame, two ticks
-    commands = [m for m in heard.messages(COMMAND) if m.stamp_ns / S > fault_s + 4 * TICK_S]
-    engaged_s = next(time_s for time_s in heard.times("engage") if time_s > release_s)
+    commands = [m for m in traffic.messages(COMMAND) if m.stamp_ns / S > fault_s + 4 * TICK_S]
+    engaged_s = next(time_s for time_s in traffic.times("engage") if time_s > release_s)
     assert not any(m.deadman for m in commands if m.stamp_ns / S < engaged_s - 0.010 - 2 * TICK_S)
-    told = [m for m in heard.messages(MASTER_STATE) if m.indication == "handle_fault"]
+    told = [m for m in traffic.messages(MASTER_STATE) if m.indication == "handle_fault"]
     assert told[0].stamp_ns / S < fault_s + 0.1 + 3 * TICK_S
     assert "overcurrent" in told[0].reason
     notices = rig.pair.master.axes[0].events.notices.drain()
@@ -121,14 +121,14 @@ def test_a_handle_that_fails_stops_the_stage_and_says_why(broken: tuple[Rig, flo
 
 def test_there_is_no_force_until_the_operator_has_pressed_the_deadman_anew(broken: tuple[Rig, float]) -> None:
     rig, fault_s = broken
-    heard = rig.pair.heard
+    traffic = rig.pair.traffic
     fault = round((fault_s - 1.0) / TICK_S)
-    again_s = next(time_s for time_s in heard.times("engage") if time_s > fault_s)
+    again_s = next(time_s for time_s in traffic.times("engage") if time_s > fault_s)
     pressed = round((again_s - 1.0 - 0.010) / TICK_S)
     assert max(rig.currents_a[fault - 50 : fault]) > 0.02
     assert pressed - fault > 500
     assert set(rig.currents_a[fault + 3 : pressed - 3]) == {0.0}
-    assert heard.messages(SLAVE_STATE)[-1].state.value == "armed"
+    assert traffic.messages(SLAVE_STATE)[-1].state.value == "armed"
     assert max(rig.currents_a[pressed:]) > 0.02
     steps_n = 2.0 * np.abs(np.diff(rig.currents_a[pressed - 10 :]))
     assert steps_n.max() <= 80.0 * TICK_S + 0.002 + 1e-9  # the slew limit, to the milliampere
@@ -138,12 +138,12 @@ def test_the_stage_stands_from_the_fault_to_the_new_arming_and_does_not_jump(
     broken: tuple[Rig, float],
 ) -> None:
     rig, fault_s = broken
-    heard = rig.pair.heard
-    time_s, position_m = heard.column(FORCE, "stamp_ns") / S, heard.column(FORCE, "position_m")
-    rest_s = next(t for t in heard.times("at_rest") if t > fault_s)
-    again_s = next(t for t in heard.times("engage") if t > fault_s)
+    traffic = rig.pair.traffic
+    time_s, position_m = traffic.column(FORCE, "stamp_ns") / S, traffic.column(FORCE, "position_m")
+    rest_s = next(t for t in traffic.times("at_rest") if t > fault_s)
+    again_s = next(t for t in traffic.times("engage") if t > fault_s)
     resting = (time_s > rest_s + 0.1) & (time_s < again_s)
     assert resting.sum() > 200
     assert np.ptp(position_m[resting]) <= 1e-6
     starting = (time_s > again_s) & (time_s < again_s + 0.05)
-    assert np.abs(heard.column(FORCE, "velocity_m_s")[starting]).max() < 0.05
+    assert np.abs(traffic.column(FORCE, "velocity_m_s")[starting]).max() < 0.05

@@ -1,5 +1,6 @@
 """The whole system in virtual time: both daemons, codec, gates, impairment, operator and world."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from numpy.typing import NDArray
 
 from forefeel.common.codec import Codec
 from forefeel.common.config import deep_merge
@@ -31,25 +33,30 @@ from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.page import write_report
 from forefeel.report.traces import axis_traces
 from forefeel.report.transparency import run_transparency
-from tests.simulation.pair import Heard, S, heard_in, write_csv
+from tests.network import S, Traffic, traffic_of
 
 TICK_S = 0.001
 WATCHDOG_S = 0.060
 
 
-def run_plan(plan: Plan, seed: int = 1) -> Heard:
+def write_csv(path: Path, names: str, columns: Sequence[NDArray[np.float64]]) -> Path:
+    np.savetxt(path, np.column_stack(list(columns)), fmt="%.9f", delimiter=",", header=names, comments="")
+    return path
+
+
+def run_plan(plan: Plan, seed: int = 1) -> Traffic:
     loop = VirtualLoopback(plan, seed, Codec)
     loop.run(lambda _done_s: None)
-    return heard_in(loop)
+    return traffic_of(loop)
 
 
-def run_with(**options: Any) -> Heard:  # noqa: ANN401 - the fields of LoopbackOptions
+def run_with(**options: Any) -> Traffic:  # noqa: ANN401 - the fields of LoopbackOptions
     seed = options.setdefault("seed", 1)
     return run_plan(make_plan(LoopbackOptions(**options)), seed)
 
 
 @cache
-def preset_run(impairment: str) -> Heard:
+def preset_run(impairment: str) -> Traffic:
     return run_with(impairment=impairment, duration_s=duration_s(impairment))
 
 
@@ -71,18 +78,18 @@ _QUICK = ["none", "lte", "paper"]
 
 @pytest.mark.parametrize("impairment", _QUICK)
 def test_every_impairment_arms_and_stays_armed(impairment: str) -> None:
-    heard = preset_run(impairment)
-    assert [event for _, event in heard.events()][-2:] == ["release", "at_rest"]  # told to, at the end
-    assert heard.messages(SLAVE_STATE)[-1].stops == 0
-    assert heard.times("engaged")[0] < 1.0 + 2.0  # the run starts at 1 s
-    assert heard.armed_share(until_s=1.0 + duration_s(impairment)) > 0.99
+    traffic = preset_run(impairment)
+    assert [event for _, event in traffic.events()][-2:] == ["release", "at_rest"]  # told to, at the end
+    assert traffic.messages(SLAVE_STATE)[-1].stops == 0
+    assert traffic.times("engaged")[0] < 1.0 + 2.0  # the run starts at 1 s
+    assert traffic.armed_share(until_s=1.0 + duration_s(impairment)) > 0.99
 
 
 @pytest.mark.parametrize("impairment", _QUICK)
 def test_a_force_answers_the_command_that_the_stage_followed(impairment: str) -> None:
-    heard, link = preset_run(impairment), PRESETS[impairment]
-    sent = {command.sequence: command for command in heard.messages(COMMAND)}
-    answers = [sample for sample in heard.messages(FORCE) if sample.answers_sequence is not None]
+    traffic, link = preset_run(impairment), PRESETS[impairment]
+    sent = {command.sequence: command for command in traffic.messages(COMMAND)}
+    answers = [sample for sample in traffic.messages(FORCE) if sample.answers_sequence is not None]
     assert len(answers) > 1000
     for sample in answers:
         command = sent[sample.answers_sequence or 0]
@@ -91,24 +98,24 @@ def test_a_force_answers_the_command_that_the_stage_followed(impairment: str) ->
         assert link.delay_s - link.jitter_s < age_s < link.delay_s + link.jitter_s + WATCHDOG_S
     executed = [sample.answers_sequence or 0 for sample in answers]
     assert executed == sorted(executed)
-    for haptic in heard.messages(HAPTICS):
+    for haptic in traffic.messages(HAPTICS):
         if haptic.delay_s is not None:
             sent_ns = sent[haptic.answered_sequence or 0].stamp_ns
             assert 0 < round(haptic.delay_s * S) <= haptic.stamp_ns - sent_ns
-    delay_s = np.nanmedian(heard.column(HAPTICS, "delay_s"))
+    delay_s = np.nanmedian(traffic.column(HAPTICS, "delay_s"))
     assert delay_s == pytest.approx(2 * link.delay_s, abs=2 * link.jitter_s + 3 * TICK_S)
 
 
 @pytest.mark.parametrize("impairment", _QUICK)
 def test_the_hand_feels_no_jump_and_no_nonsense(impairment: str) -> None:
-    heard = preset_run(impairment)
-    rendered_n = heard.column(HAPTICS, "rendered_n")
-    time_s = heard.column(HAPTICS, "stamp_ns") / S
+    traffic = preset_run(impairment)
+    rendered_n = traffic.column(HAPTICS, "rendered_n")
+    time_s = traffic.column(HAPTICS, "stamp_ns") / S
     assert np.isfinite(rendered_n).all()
     assert np.abs(rendered_n).max() <= 4.0
     running = time_s < 1.0 + duration_s(impairment)  # at its end the force is taken away at once
     assert np.abs(np.diff(rendered_n[running], prepend=0.0)).max() <= 80.0 * TICK_S + 1e-9
-    before = time_s < heard.times("engage")[0]
+    before = time_s < traffic.times("engage")[0]
     assert before.any()
     assert not rendered_n[before].any()
 
@@ -162,12 +169,12 @@ def resisting(recording: Recording) -> float:
     return float(np.sign(work_j))
 
 
-def check_playback(heard: Heard, recording: Recording) -> None:
+def check_playback(traffic: Traffic, recording: Recording) -> None:
     """Commands are where the recording was, forces are those of that moment, nothing comes from a gap."""
     pieces = recording.segments()
     starts_s = np.array([recording.time_s[piece.start] for piece in pieces])
     ends_s = np.array([recording.time_s[piece.stop - 1] for piece in pieces])
-    played = [m for m in heard.messages(COMMAND) if m.recording_time_s is not None]
+    played = [m for m in traffic.messages(COMMAND) if m.recording_time_s is not None]
     assert len(played) > 1000
     at_s = np.array([m.recording_time_s for m in played], dtype=np.float64)
     assert ((starts_s <= at_s[:, None]) & (at_s[:, None] <= ends_s)).any(axis=1).all()
@@ -175,7 +182,7 @@ def check_playback(heard: Heard, recording: Recording) -> None:
     np.testing.assert_allclose([m.position_m for m in played], expected_m, rtol=0.0, atol=2e-5)
     if recording.force_n is None:
         return
-    answers = [m for m in heard.messages(FORCE) if m.recording_time_s is not None]
+    answers = [m for m in traffic.messages(FORCE) if m.recording_time_s is not None]
     assert len(answers) > 1000
     times_s = np.array([m.recording_time_s for m in answers], dtype=np.float64)
     assert all(m.valid for m in answers)
@@ -192,35 +199,37 @@ def test_a_recording_is_played_to_its_end_and_never_across_its_gap(tmp_path: Pat
     path = gapped(tmp_path / "run.csv", sign)
     recording = load_recording(path)
     assert resisting(recording) == sign
-    heard = run_with(recording=path, impairment="5g")
-    check_playback(heard, recording)
-    times_s = np.array([m.recording_time_s for m in heard.messages(FORCE) if m.recording_time_s is not None])
+    traffic = run_with(recording=path, impairment="5g")
+    check_playback(traffic, recording)
+    times_s = np.array(
+        [m.recording_time_s for m in traffic.messages(FORCE) if m.recording_time_s is not None]
+    )
     for piece in recording.segments():
         inside = times_s[(times_s >= recording.time_s[piece][0]) & (times_s <= recording.time_s[piece][-1])]
         # a few ms of each end may be lost on the way, or with the deadman
         assert inside.min() < recording.time_s[piece][0] + 0.010
         assert inside.max() > recording.time_s[piece][-1] - 0.010
-    names = [event for _, event in heard.events()]
+    names = [event for _, event in traffic.events()]
     cycle = ["engage", "engaged", "release", "at_rest"]
     assert names == ["session_opened", *cycle, *cycle]
-    assert heard.messages(SLAVE_STATE)[-1].stops == 0
-    assert heard.messages(MASTER_STATE)[-1].clutched_s > 0.5  # the person's reaction at the gap
+    assert traffic.messages(SLAVE_STATE)[-1].stops == 0
+    assert traffic.messages(MASTER_STATE)[-1].clutched_s > 0.5  # the person's reaction at the gap
     # between the release and the next engagement nothing moves
-    release_s, engage_s = heard.times("at_rest")[0], heard.times("engage")[1]
-    time_s = heard.column(FORCE, "stamp_ns") / S
+    release_s, engage_s = traffic.times("at_rest")[0], traffic.times("engage")[1]
+    time_s = traffic.column(FORCE, "stamp_ns") / S
     still = (time_s > release_s + 0.1) & (time_s < engage_s)
     assert still.sum() > 200
-    assert np.ptp(heard.column(FORCE, "position_m")[still]) <= 2e-6
+    assert np.ptp(traffic.column(FORCE, "position_m")[still]) <= 2e-6
 
 
 @pytest.mark.parametrize("name", ["human_motion"])
 def test_a_measured_recording_is_played(data_dir: Path, name: str) -> None:
     path = data_dir / f"{name}.csv"
-    heard = run_with(recording=path, impairment="paper", duration_s=4.0)
+    traffic = run_with(recording=path, impairment="paper", duration_s=4.0)
     recording = load_recording(path)
-    check_playback(heard, recording)
-    assert heard.messages(SLAVE_STATE)[-1].stops == 0
-    answers = [m for m in heard.messages(FORCE) if m.recording_time_s is not None]
+    check_playback(traffic, recording)
+    assert traffic.messages(SLAVE_STATE)[-1].stops == 0
+    answers = [m for m in traffic.messages(FORCE) if m.recording_time_s is not None]
     asked_m = np.interp([m.recording_time_s for m in answers], recording.time_s, recording.position_m)
     off_m = np.abs(asked_m - [m.position_m for m in answers])
     fastest_m_s = max(
@@ -241,14 +250,14 @@ def test_a_measured_recording_is_played(data_dir: Path, name: str) -> None:
 def test_ends_that_disagree_do_not_arm_and_say_on_what(limits: dict[str, Any], said: str) -> None:
     plan = make_plan(LoopbackOptions(duration_s=1.0))
     master_axis = deep_merge(plan.master["axes"][0], {"limits": limits})
-    heard = run_plan(replace(plan, master={**plan.master, "axes": [master_axis]}))
-    assert {state.state.value for state in heard.messages(SLAVE_STATE)} == {"idle"}
-    assert not heard.messages(COMMAND)
-    (answer,) = heard.messages(SLAVE_HANDSHAKE)
+    traffic = run_plan(replace(plan, master={**plan.master, "axes": [master_axis]}))
+    assert {state.state.value for state in traffic.messages(SLAVE_STATE)} == {"idle"}
+    assert not traffic.messages(COMMAND)
+    (answer,) = traffic.messages(SLAVE_HANDSHAKE)
     assert not answer.accepted
     assert said in answer.reason
-    assert said in heard.messages(MASTER_STATE)[-1].reason
-    assert len(heard.messages(MASTER_HANDSHAKE)) == 1  # asking again would not help
+    assert said in traffic.messages(MASTER_STATE)[-1].reason
+    assert len(traffic.messages(MASTER_HANDSHAKE)) == 1  # asking again would not help
 
 
 def test_a_recorded_impairment_is_replayed_message_by_message(tmp_path: Path) -> None:
@@ -263,7 +272,7 @@ def test_a_recorded_impairment_is_replayed_message_by_message(tmp_path: Path) ->
     trace = run.impairment_trace("slave/impairment", "inbound")
     assert len(trace) > 1500
     assert len({delays for delays in trace if delays}) > 1000
-    assert repeated.payloads == heard_in(loop).payloads  # with the codec and without
+    assert repeated.payloads == traffic_of(loop).payloads  # with the codec and without
 
 
 WORLD = {
@@ -284,14 +293,14 @@ def test_the_model_files_of_both_ends_are_used(tmp_path: Path) -> None:
     spring = {"mass_kg": 0.02, "damping_n_s_m": 1.6, "stiffness_n_m": 16.0}  # a fifth too soft
     learned = {**WORLD, "effects": [{"effect": "mass_damper_spring", "parameters": spring}]}
     predictor.write_text(yaml.safe_dump(learned))
-    heard = run_with(slave_model=world, master_model=predictor, duration_s=5.0, impairment="lan")
-    samples = heard.messages(FORCE)
+    traffic = run_with(slave_model=world, master_model=predictor, duration_s=5.0, impairment="lan")
+    samples = traffic.messages(FORCE)
     depth_m = max(s.position_m for s in samples)
     pressed = [s for s in samples if s.position_m > 0.5 * depth_m and abs(s.velocity_m_s) < 0.002]
     assert len(pressed) > 100
     for sample in pressed:  # the load cell adds 10 mN of bias, and noise
         assert sample.force_n == pytest.approx(20.0 * sample.position_m, abs=0.03)
-    parameters = heard.messages(PARAMETERS)[-1]
+    parameters = traffic.messages(PARAMETERS)[-1]
     found = dict(zip(parameters.names, parameters.values, strict=True))
     assert found["mass_damper_spring.stiffness_n_m"] == pytest.approx(20.0, rel=0.15)
     assert parameters.valid

@@ -33,8 +33,8 @@ def test_a_round_trip_beyond_the_limit_opens_a_session_and_does_not_arm_and_both
     pair = over(0.8)
     pair.run(4.0)
     slave, master = pair.slave.axes[0], pair.master.axes[0]
-    assert {state.state.value for state in pair.heard.messages(SLAVE_STATE)} == {"idle", "ready"}
-    assert any(command.deadman for command in pair.heard.messages(COMMAND))
+    assert {state.state.value for state in pair.traffic.messages(SLAVE_STATE)} == {"idle", "ready"}
+    assert any(command.deadman for command in pair.traffic.messages(COMMAND))
     told = {"slave": said(slave.events.notices, "limit"), "master": said(master.events.notices, "limit")}
     for texts in told.values():
         assert len(texts) == 1  # in 5 s
@@ -44,8 +44,8 @@ def test_a_round_trip_beyond_the_limit_opens_a_session_and_does_not_arm_and_both
         slave.reason,
         slave.status(0).removesuffix(")"),
         master.status(pair.runtime.clock.now_ns()),
-        pair.heard.messages(SLAVE_STATE)[-1].reason,
-        pair.heard.messages(MASTER_STATE)[-1].reason,
+        pair.traffic.messages(SLAVE_STATE)[-1].reason,
+        pair.traffic.messages(MASTER_STATE)[-1].reason,
     ]
     for text in shown:
         check_words(text, 800.0, 700)
@@ -54,9 +54,9 @@ def test_a_round_trip_beyond_the_limit_opens_a_session_and_does_not_arm_and_both
 def test_up_to_two_seconds_of_round_trip_a_session_opens_and_stays() -> None:
     pair = over(1.9)
     pair.run(7.0)
-    events = [event.event for event in pair.heard.messages(MASTER_EVENT)]
+    events = [event.event for event in pair.traffic.messages(MASTER_EVENT)]
     assert events == ["session_opened"]
-    assert pair.heard.times("session_lost") == []
+    assert pair.traffic.times("session_lost") == []
     check_words(pair.slave.axes[0].reason, 1900.0, 700)
 
 
@@ -64,10 +64,10 @@ def test_beyond_two_seconds_of_round_trip_both_ends_say_that_there_is_no_answer(
     pair = over(2.2)
     pair.run(6.0)
     slave, master = pair.slave.axes[0], pair.master.axes[0]
-    assert pair.heard.events() == []
-    assert (pair.heard.messages(MASTER_EVENT), pair.heard.messages(HAPTICS)) == ([], [])
+    assert pair.traffic.events() == []
+    assert (pair.traffic.messages(MASTER_EVENT), pair.traffic.messages(HAPTICS)) == ([], [])
     assert said(slave.events.notices, "lost")[0] == "session lost: no heartbeat from the master for 3.0 s"
-    causes = {state.reason for state in pair.heard.messages(MASTER_STATE)}
+    causes = {state.reason for state in pair.traffic.messages(MASTER_STATE)}
     assert "no answer within 2 s: it takes 2.2 s" in causes
     assert all("no answer" in cause for cause in causes)
     assert master.status(pair.runtime.clock.now_ns()).startswith("asking for a session: no answer")

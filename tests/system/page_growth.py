@@ -4,7 +4,7 @@ from pathlib import Path
 
 from tests.browser import Served, Shown, Speaker, installed_chromium
 from tests.system.rows import Result
-from tests.unit.dashboard.said import CELL
+from tests.unit.dashboard.talk import CELL
 
 _WARM_S = 75.0
 """In the first minute page and server fill up with what they keep."""

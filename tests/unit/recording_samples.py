@@ -7,6 +7,7 @@ from forefeel.common.codec import encode
 from forefeel.common.messages import ForceSample, Message, MotionCommand
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.topics import FORCE, Topic
+from tests.messages import usual
 
 CELL = "cell"
 AXIS = "insertion"
@@ -21,9 +22,9 @@ def header(index: int) -> dict[str, Any]:
 def force(index: int, **changes: object) -> ForceSample:
     fields: dict[str, Any] = {
         **header(index), "position_m": 1e-3 * index, "velocity_m_s": 0.25, "force_n": index / 3,
-        "raw_counts": index, "valid": True, "answers_sequence": index, "answers_stamp_ns": START_NS,
+        "raw_counts": index, "answers_sequence": index, "answers_stamp_ns": START_NS,
     }  # fmt: skip
-    return ForceSample(**fields | changes)
+    return usual(FORCE, **fields | changes)
 
 
 def command(index: int) -> MotionCommand:

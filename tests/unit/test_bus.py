@@ -5,7 +5,7 @@ from forefeel.common.clock import VirtualClock
 from forefeel.common.messages import ForceSample
 from forefeel.common.topics import FORCE, HAPTICS, SLAVE_STATE, TOPICS, Topic
 from forefeel.common.transport.memory import MemoryBus
-from tests.unit.dashboard import said
+from tests.messages import force, haptics, usual
 
 MS = 1_000_000
 
@@ -33,7 +33,7 @@ def test_other_end_takes_each_at_its_poll_and_observers_hear_the_batch() -> None
     forces = net.slave.publisher(FORCE)
     net.run(BATCH_NS // MS)
     for sequence in range(1, 4):
-        forces.send(said.force(sequence, net.clock.now_ns(), None))
+        forces.send(force(sequence, net.clock.now_ns()))
         assert len(taken) == sequence - 1
         poll()
         net.run(1)
@@ -53,7 +53,7 @@ def test_what_several_connections_bring_at_once_is_taken_in_the_order_of_sending
     poll = net.master.polled(FORCE, lambda sample, _: taken.append(sample.sequence))
     forces = net.slave.publisher(FORCE)
     for sequence in (2, 1, 4, 3):
-        forces.send(said.force(sequence, sequence, None))
+        forces.send(force(sequence, sequence))
     net.stranger.publisher(FORCE.taken_key("cell", "insertion"), FORCE.qos)(b"\xc1")
     poll()
     poll()
@@ -63,9 +63,9 @@ def test_what_several_connections_bring_at_once_is_taken_in_the_order_of_sending
 
 def test_observed_batch_whose_stamps_are_wild_is_received_within_a_second() -> None:
     net = Net()
-    haptics = net.slave.publisher(HAPTICS)
+    publisher = net.slave.publisher(HAPTICS)
     for sequence, stamp_ns in ((1, -(2**63)), (2, 2**63 - 1)):
-        haptics.send(said.haptics(sequence, 0).model_copy(update={"stamp_ns": stamp_ns}))
+        publisher.send(haptics(sequence, 0).model_copy(update={"stamp_ns": stamp_ns}))
     net.slave.end_batches(0, last=True)
     found = observed(HAPTICS, net.observed[0][1], 2000 * MS)
     assert [at_ns for _, at_ns in found] == [1000 * MS, 2000 * MS]
@@ -75,7 +75,7 @@ def test_only_streams_are_batched_and_one_message_alone_is_observed_too() -> Non
     batched: set[Topic[Any]] = {topic for topic in TOPICS if topic.batched}
     assert {topic.name for topic in batched} == {"master/command", "slave/force", "master/haptics"}
     net = Net()
-    net.slave.publisher(SLAVE_STATE).send(said.slave_state())
+    net.slave.publisher(SLAVE_STATE).send(usual(SLAVE_STATE))
     assert observed(SLAVE_STATE, net.observed[0][1], 7)[0][1] == 7
-    sample: ForceSample = said.force(1, 0, None)
+    sample: ForceSample = force(1, 0)
     assert observed(FORCE, net.stranger.codec.encode(sample), 7) == [(sample, 7)]

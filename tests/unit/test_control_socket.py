@@ -19,7 +19,7 @@ from forefeel.estop.client import Answer, Request, ask
 from forefeel.slave.daemon import Clearing
 from tests.stepped import SteppedHost
 from tests.unit.failing import refusing
-from tests.unit.slave_cell import Book, Cell
+from tests.unit.rigs import Book, Cell
 
 Run = Callable[[Sequence[str]], int]
 STOPPED, IDLE = SafetyState.ESTOPPED, SafetyState.IDLE
@@ -199,7 +199,10 @@ def test_clear_in_the_last_tick_tells_what_it_did(cell: Cell, monkeypatch: pytes
     assert [each.still for each in cleared.result(0)] == ["", "axis insertion is halted"]
 
 
-def test_two_clearings_between_two_ticks_are_both_done(cell: Cell) -> None:
+def test_named_axis_takes_with_it_what_stopped_for_it_also_twice_between_two_ticks(cell: Cell) -> None:
+    assert [each.axis for each in cell.clear("rotation")] == ["rotation"]
+    cell.step()
+    assert cell.states() == [STOPPED, STOPPED]  # the other one is still halted
     first, second = cell.daemon.clear("rotation"), cell.daemon.clear("insertion")
     cell.step(1)
     assert [each.axis for each in first.result(0)] == ["rotation"]

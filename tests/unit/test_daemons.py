@@ -23,11 +23,10 @@ from forefeel.master.settings import MasterSettings
 from forefeel.reachability import AnswerWatch, Obstacle
 from forefeel.slave.devices import Devices
 from forefeel.slave.settings import SlaveSettings
-from tests.event_lines import read_events
+from tests.event_lines import Event, read_events
 from tests.stepped import SteppedHost
 from tests.unit.failing import refusing
-from tests.unit.master_rig import FakeHandle
-from tests.unit.slave_rig import FakeGripper, FakeLoadCell, FakeStage
+from tests.unit.rigs import FakeGripper, FakeHandle, FakeLoadCell, FakeStage
 
 S = 1_000_000_000
 CONNECT: dict[str, Any] = {"transport": {"connect": ["tcp/127.0.0.1:9"]}}
@@ -62,8 +61,11 @@ class Bench:
     def _opened(self, *_: object, **__: object) -> ParallelTransport:
         return self.open()
 
+    def log(self, role: str) -> list[Event]:
+        return read_events(self.folder / role / EVENTS)
+
     def events(self, role: str) -> list[str]:
-        return [each.event for each in read_events(self.folder / role / EVENTS)]
+        return [each.event for each in self.log(role)]
 
 
 @pytest.fixture(name="bench")
@@ -89,11 +91,7 @@ def test_pair_opens_session_and_moves(bench: Bench, capsys: pytest.CaptureFixtur
 
     bench.host.run(both())
     assert "session open" in capsys.readouterr().err
-    transitions = [
-        each.details["after"]
-        for each in read_events(bench.folder / "slave" / EVENTS)
-        if each.event == "safety"
-    ]
+    transitions = [each.details["after"] for each in bench.log("slave") if each.event == "safety"]
     assert transitions[:3] == ["ready", "engaging", "armed"]
     assert bench.events("master")[-1] == "stop"
 
@@ -106,13 +104,11 @@ def test_stop_outlives_the_daemon(bench: Bench, monkeypatch: pytest.MonkeyPatch)
             lambda _, daemon, *__: daemon.axes[0].emergency_stop("kinked", "nurse"),
         )
         bench.host.run(bench.slave())
-    asked = next(
-        each for each in read_events(bench.folder / "slave" / EVENTS) if each.event == "emergency_stop"
-    )
+    asked = next(each for each in bench.log("slave") if each.event == "emergency_stop")
     assert (asked.details["by"], asked.details["reason"]) == ("nurse", "kinked")
     assert latched(bench.folder / "slave" / LATCHED) == {"insertion": "kinked"}
     bench.host.run(bench.slave())
-    last = [each for each in read_events(bench.folder / "slave" / EVENTS) if each.event == "safety"][-1]
+    last = [each for each in bench.log("slave") if each.event == "safety"][-1]
     assert (last.details["after"], "kinked" in last.details["reason"]) == ("estopped", True)
 
 
@@ -120,7 +116,7 @@ def test_fault_ends_the_daemon_with_its_cause(bench: Bench, monkeypatch: pytest.
     monkeypatch.setattr("forefeel.slave.axis.SlaveAxis.beat", refusing(ZeroDivisionError("torn")))
     with pytest.raises(RunError, match="ZeroDivisionError: torn"):
         bench.host.run(bench.slave(None))
-    events = read_events(bench.folder / "slave" / EVENTS)
+    events = bench.log("slave")
     assert any(each.details.get("after") == "fault" for each in events)
     assert events[-1].event == "stop" and "torn" in events[-1].details["reason"]
 

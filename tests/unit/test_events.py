@@ -1,8 +1,9 @@
 """What happens on an axis: coalesced, worded, published, and told at the console."""
 
+from typing import Any
+
 import pytest
 
-from forefeel.common import topics
 from forefeel.common.bus import Bus
 from forefeel.common.clock import VirtualClock
 from forefeel.common.events.axis import EventCoalescer
@@ -10,15 +11,23 @@ from forefeel.common.events.console import Notices, tell_notices
 from forefeel.common.events.sink import NULL_EVENT_SINK
 from forefeel.common.events.text import event_text, is_long_round_trip, long_round_trip, span
 from forefeel.common.limiter import LimitHit
-from forefeel.common.messages import EmergencyStop, LimitEvent, MasterEvent, Message, SafetyEvent, SafetyState
+from forefeel.common.messages import Message
+from forefeel.common.topics import (
+    EMERGENCY_STOP,
+    LIMIT_EVENT,
+    MASTER_EVENT,
+    MASTER_LIMIT,
+    SAFETY_EVENT,
+    SLAVE_STATE,
+)
 from forefeel.common.transport.memory import MemoryBus
 from forefeel.master.events import MasterEvents
-from tests.unit.dashboard.said import limit, safety, slave_state
+from tests.messages import usual
+from tests.network import AXIS, CELL, Party
 from tests.unit.failing import refusing
 
 MS = 1_000_000
 S = 1000 * MS
-STOP = EmergencyStop(session_id=0, sequence=1, stamp_ns=0, source="x", reason="pressed")
 
 
 # --- coalescer ---
@@ -44,11 +53,14 @@ def test_the_first_of_a_key_is_told_at_once_then_the_first_of_each_interval_with
 @pytest.mark.parametrize(
     ("event", "words"),
     [
-        (safety(reason="no command"), ("armed -> stopping", "watchdog", "no command")),
-        (limit(count=3), ("velocity", "300 mm/s", "200 mm/s", "3 times")),
-        (limit(rule="round_trip", requested=0.812, applied=0.7, unit="s"), ("812 ms", "700 ms")),
-        (STOP, ("emergency stop", "x", "pressed")),
-        (slave_state(), ()),
+        (usual(SAFETY_EVENT, reason="no command"), ("armed -> stopping", "watchdog", "no command")),
+        (usual(LIMIT_EVENT, count=3), ("velocity", "300 mm/s", "200 mm/s", "3 times")),
+        (
+            usual(LIMIT_EVENT, rule="round_trip", requested=0.812, applied=0.7, unit="s"),
+            ("812 ms", "700 ms"),
+        ),
+        (usual(EMERGENCY_STOP, source="x"), ("emergency stop", "x", "pressed")),
+        (usual(SLAVE_STATE), ()),
     ],
 )
 def test_event_text_has_its_figures(event: Message, words: tuple[str, ...]) -> None:
@@ -97,17 +109,13 @@ def test_a_terminal_that_is_gone_stops_nothing() -> None:
 # --- the master ---
 
 
-class Rig:
-    """The events of a master, and the other ends of its network."""
+class Rig(Party):
+    """The events of a master, and a slave whose messages a test writes."""
 
     def __init__(self) -> None:
-        self.clock, network = VirtualClock(), MemoryBus()
-        self.limits, self.transitions = list[LimitEvent](), list[MasterEvent]()
-        self.slave = Bus(network.session(self.clock), "c", "a", self.clock)
-        self.slave.subscribe(topics.MASTER_LIMIT, lambda event, _: self.limits.append(event))
-        self.slave.subscribe(topics.MASTER_EVENT, lambda event, _: self.transitions.append(event))
-        own = Bus(network.session(self.clock), "c", "a", self.clock)
-        self.events = MasterEvents(own, NULL_EVENT_SINK, "a")
+        super().__init__(MemoryBus(), VirtualClock())
+        bus = Bus(self.network.session(self.clock), CELL, AXIS, self.clock)
+        self.events = MasterEvents(bus, NULL_EVENT_SINK, AXIS)
 
 
 def test_a_change_of_how_the_master_stands_is_one_event() -> None:
@@ -116,7 +124,7 @@ def test_a_change_of_how_the_master_stands_is_one_event() -> None:
     rig.events.publish_status("in_session", "accepted", 7, 50 * MS)
     rig.events.publish_status("in_session", "accepted", 7, 100 * MS)
     rig.events.publish_status("handle_fault", "x" * 1000, 7, 150 * MS)
-    told = [(t.before, t.event, t.after, len(t.reason), t.session_id) for t in rig.transitions]
+    told = [(t.before, t.event, t.after, len(t.reason), t.session_id) for t in rig.messages(MASTER_EVENT)]
     assert told == [
         ("no_session", "session_opened", "in_session", 8, 7),
         ("in_session", "handle_fault", "handle_fault", 256, 7),
@@ -128,33 +136,24 @@ def test_limits_of_the_force_are_published_with_their_count() -> None:
     for tick in range(1000):
         rig.events.limit(LimitHit("rendered_force", 9.0, 4.0, "N"))
         rig.events.publish(1, tick * MS, last=tick == 999)
-    assert len(rig.limits) == 11
-    assert sum(event.count for event in rig.limits) == 1000 == rig.events.counts()["force_limited"]
-    assert rig.limits[0].model_dump(include=set(LimitHit._fields)) == {
+    limits = rig.messages(MASTER_LIMIT)
+    assert len(limits) == 11
+    assert sum(event.count for event in limits) == 1000 == rig.events.counts()["force_limited"]
+    assert limits[0].model_dump(include=set(LimitHit._fields)) == {
         "rule": "rendered_force", "requested": 9.0, "applied": 4.0, "unit": "N",
     }  # fmt: skip
 
 
 def test_the_slaves_limits_are_counted_by_rule_and_its_transitions_told_each_once() -> None:
     rig = Rig()
-    limit, safety = rig.slave.publisher(topics.LIMIT_EVENT), rig.slave.publisher(topics.SAFETY_EVENT)
     for rule, count in (("force", 3), ("force", 4), ("late", 5)):
-        message = LimitEvent(
-            **limit.header(1, 7), rule=rule, requested=1.0, applied=0.0, unit="N", count=count
-        )
-        limit.send(message)
-        limit.send(message)  # doubled on the way
+        rig.send(LIMIT_EVENT, rig.say(LIMIT_EVENT, 1, rule=rule, count=count))  # doubled on the way
+    moved: dict[str, Any] = {"before": "ready", "event": "engage", "after": "engaging", "reason": "pressed"}
     for _ in range(2):
-        header = safety.header(1, 7)
-        moved = SafetyEvent(
-            **header, before=SafetyState.READY, event="engage", after=SafetyState.ENGAGING, reason="pressed"
-        )
-        safety.send(moved)
-        safety.send(moved)
+        rig.send(SAFETY_EVENT, rig.say(SAFETY_EVENT, 1, **moved))
     for _ in range(8):
-        rig.clock.set_ns(rig.clock.now_ns() + S)
-        header = limit.header(1, rig.clock.now_ns())
-        limit.send(LimitEvent(**header, rule="round_trip", requested=0.812, applied=0.7, unit="s", count=9))
+        rig.clock.set_ns(rig.now_ns + S)
+        rig.say(LIMIT_EVENT, 1, rule="round_trip", requested=0.812, applied=0.7, unit="s", count=9)
     slow = ["slave not armed: round trip 812 ms, limit 700 ms"] * 2  # in 8 s, every 5 s
     assert rig.events.counts() == {
         "limit_force": 7, "limit_late": 5, "limit_round_trip": 72, "force_limited": 0,

@@ -13,10 +13,11 @@ from forefeel.common.bus import Bus
 from forefeel.common.clock import VirtualClock
 from forefeel.common.codec import encode
 from forefeel.common.flight import CycleRow, Rings, Row
-from forefeel.common.messages import EmergencyStop, Grip, SafetyState
+from forefeel.common.messages import Grip, SafetyState
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.state.flight_writer import FlightWriter
 from forefeel.common.transport.memory import MemoryBus
+from tests.messages import usual
 from tests.stepped import SteppedWorker
 from tests.unit.failing import refusing
 from tests.unit.recording_samples import force
@@ -56,7 +57,7 @@ def test_a_bus_keeps_every_payload_in_and_out_but_what_is_too_long_for_its_topic
     heard: list[int] = []
     bus.subscribe(topics.EMERGENCY_STOP, lambda _, receive_ns: heard.append(receive_ns))
     sender = bus.publisher(topics.FORCE)
-    put(stop := encode(EmergencyStop(session_id=0, sequence=1, stamp_ns=0, source="me", reason="why")))
+    put(stop := encode(usual(topics.EMERGENCY_STOP)))
     clock.set_ns(9)
     sender.send(sample := force(1))
     put(b"x" * 60_000)

@@ -5,18 +5,19 @@ show the fault all the same.
 import asyncio
 from collections.abc import Callable
 
-from forefeel.common import topics
-from forefeel.common.bus import Bus
-from forefeel.common.messages import SafetyEvent, SafetyState, SlaveState
+from forefeel.common.messages import SafetyEvent, SafetyState
 from forefeel.common.runtime.real import RealRuntime
+from forefeel.common.topics import SAFETY_EVENT, SLAVE_STATE
 from forefeel.common.transport.memory import MemoryBus
 from forefeel.slave.daemon import SlaveDaemon
 from forefeel.slave.settings import SlaveAxisSettings, SlaveSettings
+from tests.network import Traffic
 from tests.stepped import SteppedHost
 from tests.unit.failing import refusing
-from tests.unit.slave_cell import Book
+from tests.unit.rigs import Book
 
 FAULT, STOPPED = SafetyState.FAULT, SafetyState.ESTOPPED
+AXES = "insertion", "rotation"
 
 
 class LiveCell:
@@ -25,45 +26,43 @@ class LiveCell:
     def __init__(self, host: SteppedHost) -> None:
         self.runtime, self.book = RealRuntime(host=host), Book()
         network, clock = MemoryBus(), self.runtime.clock
-        settings = SlaveSettings(axes=(SlaveAxisSettings(), SlaveAxisSettings(name="rotation")))
+        self.traffic = Traffic(network.session(clock))
+        settings = SlaveSettings(axes=tuple(SlaveAxisSettings(name=axis) for axis in AXES))
         self.daemon = SlaveDaemon(settings, network.session(clock), self.runtime, lambda: 7, self.book)
         setattr(self.daemon.axes[1], "tick", refusing(ZeroDivisionError("torn")))  # noqa: B010 - a method
-        self.at_once = list[SafetyState]()
-        self.events, self.states = list[SafetyEvent](), list[SlaveState]()
-        for axis in settings.axes:
-            bus = Bus(network.session(clock), settings.cell, axis.name, clock)
-            bus.subscribe(topics.SAFETY_EVENT, lambda event, _: self.events.append(event))
-            bus.subscribe(topics.SLAVE_STATE, lambda state, _: self.states.append(state))
 
-    async def run(self, meanwhile: Callable[["LiveCell"], object]) -> None:
-        """To the fault, on until `meanwhile` is true, and to the end."""
-        async with self.runtime:
-            await self.runtime.stopping.wait()
-            self.at_once = [axis.state for axis in self.daemon.axes]
-            while not meanwhile(self):  # noqa: ASYNC110 - in stepped time
-                await asyncio.sleep(0.001)
-        self.daemon.close(self.runtime.clock.now_ns())
+    def events(self) -> list[SafetyEvent]:
+        return [event for axis in AXES for event in self.traffic.messages(SAFETY_EVENT, axis)]
+
+    def published(self) -> set[SafetyState]:
+        """States that the axes published last."""
+        return {state.state for axis in AXES for state in self.traffic.messages(SLAVE_STATE, axis)[-1:]}
 
 
 def live_cell(meanwhile: Callable[[LiveCell], object] = lambda _: True) -> LiveCell:
+    """Runs a cell to the fault, on until `meanwhile` is true, and to the end."""
     host = SteppedHost()
 
-    async def composed() -> LiveCell:
+    async def run() -> LiveCell:
         cell = LiveCell(host)
-        await cell.run(meanwhile)
+        async with cell.runtime:
+            await cell.runtime.stopping.wait()
+            while not meanwhile(cell):  # noqa: ASYNC110 - in stepped time
+                await asyncio.sleep(0.001)
+        cell.daemon.close(cell.runtime.clock.now_ns())
         return cell
 
-    return host.run(composed())
+    return host.run(run())
 
 
 def test_the_fault_is_published_and_logged_while_the_daemon_still_runs() -> None:
-    cell = live_cell(lambda cell: len(cell.events) == 2 and cell.states and cell.states[-1].state is FAULT)
-    for event in cell.events:
+    cell = live_cell(lambda cell: len(cell.events()) == 2 and cell.published() == {FAULT})
+    for event in cell.events():
         assert (event.event, event.after, event.reason) == ("fault", FAULT, "ZeroDivisionError: torn")
     assert {noted["after"] for noted in cell.book.of("safety")} == {"fault"}
     assert len(cell.book.of("safety")) == 2
     assert cell.book.of("thread_fault") == [{"reason": "ZeroDivisionError: torn"}]
-    assert cell.states[-1].state is FAULT
+    assert cell.published() == {FAULT}
 
 
 def test_a_stop_is_heeded_though_the_control_loop_has_ended() -> None:

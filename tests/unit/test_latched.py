@@ -2,11 +2,9 @@
 
 from forefeel.common import topics
 from forefeel.common.codec import encode
-from forefeel.common.messages import SafetyEvent, SafetyState
-from tests.unit.slave_cell import Book, Cell
-from tests.unit.slave_rig import MS, START_M, SlaveRig
-
-S = 1000 * MS
+from forefeel.common.messages import SafetyState
+from tests.messages import usual
+from tests.unit.rigs import START_M, Book, Cell, SlaveRig
 
 
 def test_no_topic_clears_a_stop() -> None:
@@ -14,14 +12,13 @@ def test_no_topic_clears_a_stop() -> None:
     rig.stop()
     rig.step(150)
     rig.stage.commands.clear()
-    header = {"session_id": rig.session_id, "sequence": 1, "stamp_ns": rig.now_ns}
-    clear = SafetyEvent(
-        **header, before=SafetyState.ESTOPPED, event="clear", after=SafetyState.IDLE, reason=""
-    )  # fmt: skip
+    header = {"session_id": rig.session_id, "stamp_ns": rig.now_ns}
+    clear = usual(topics.SAFETY_EVENT, **header, before="estopped", event="clear", after="idle")
+    before = len(rig.traffic.payloads)
     for topic in topics.TOPICS:
-        put = rig.put_anything(topic)
         for payload in (b"", b"\xc1", b"clear", encode(clear)):
-            put(payload)
+            rig.put(topic, payload)
+    del rig.traffic.payloads[before:]
     rig.step(50)
     assert rig.state() is SafetyState.ESTOPPED
     assert rig.stage.commands == []
@@ -31,7 +28,7 @@ def test_a_flood_of_stops_is_coalesced_and_the_first_stops_at_once() -> None:
     book = Book()
     rig = SlaveRig(event_sink=book).armed()
     for number in range(5000):
-        rig.stop("nurse", f"press {number}")
+        rig.stop(f"press {number}")
     rig.step()
     assert rig.state() is SafetyState.ESTOPPED
     for _ in range(1000):
@@ -50,7 +47,7 @@ def test_refusals_and_transitions_are_logged() -> None:
     session, rig.session_id = rig.session_id, 99  # a second writer
     rig.step(500)
     rig.session_id = session
-    rig.put_raw(topics.COMMAND, b"\xc1")
+    rig.put(topics.COMMAND, b"\xc1")
     assert not rig.shake(7).accepted
     rig.step(2500)
     refused = [e for e in book.of("refused") if e["name"] == "session"]
@@ -79,20 +76,6 @@ def test_a_device_that_stays_broken_does_not_fill_the_log() -> None:
 
 # --- clearing, of the daemon ---
 
-STOPPED, IDLE = SafetyState.ESTOPPED, SafetyState.IDLE
-
-
-def test_one_axis_that_is_named_takes_with_it_what_stopped_for_it_and_nothing_else() -> None:
-    cell = Cell()
-    cell.daemon.axes[0].emergency_stop("pressed")
-    cell.step()
-    assert [each.axis for each in cell.clear("rotation")] == ["rotation"]
-    cell.step()
-    assert cell.states() == [STOPPED, STOPPED]  # the other one is still halted
-    assert [each.axis for each in cell.clear("insertion")] == ["insertion", "rotation"]
-    cell.step()
-    assert cell.states() == [IDLE, IDLE]
-
 
 def test_a_cause_that_persists_is_named_and_stays_latched() -> None:
     cell = Cell()
@@ -113,7 +96,7 @@ def test_a_stop_that_was_latched_when_the_daemon_ended_is_latched_when_it_starts
     rig.shake()
     rig.step(200)
     assert rig.state() is SafetyState.ESTOPPED
-    assert rig.states[-1].reason == "latched before the slave was started: nurse: pressed"
+    assert rig.reason == "latched before the slave was started: nurse: pressed"
     assert rig.stage.position_m == START_M and rig.stage.commands == []
     rig.axis.clear()
     rig.step(2)

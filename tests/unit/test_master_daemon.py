@@ -8,8 +8,7 @@ from forefeel.common.transport.memory import MemoryBus
 from forefeel.master.daemon import MasterDaemon
 from forefeel.master.settings import MasterAxisSettings, MasterSettings
 from tests.unit.failing import refusing
-from tests.unit.master_rig import FakeHandle
-from tests.unit.slave_cell import Book
+from tests.unit.rigs import Book, FakeHandle
 
 AXES = ("insertion", "rotation", "tilt")
 

@@ -6,39 +6,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.common.estimation.evaluator import Estimate, Snapshot, nothing_learned
+from forefeel.common.estimation.evaluator import Snapshot, nothing_learned
 from forefeel.common.messages import SafetyState
 from forefeel.master.handle import HandleReading
 from forefeel.master.haptics import Clutch, HapticInputs, HapticLoop, HapticOutputs, NewestForce
-from forefeel.master.prediction import ForcePrediction
 from forefeel.master.rendering import Rendered
 from forefeel.master.settings import RenderingSettings
-from tests.unit.dashboard.said import force
+from tests.messages import force
+from tests.unit.rigs import FakePredictor
 
 MS = 1_000_000
 S = SafetyState
 STALE_S = 0.1
 SETTINGS = RenderingSettings()
 LATE = force(1, 0, (1, 0), force_n=0.7)
-
-
-class Spring(ForcePrediction):
-    """A predictor whose answer the test decides; notes what it was asked."""
-
-    def __init__(self) -> None:
-        self.answer: float | None = 1.0
-        self.asked = list[tuple[int, float, float]]()
-
-    def predict(
-        self, stamp_ns: int, position_m: float, velocity_m_s: float, *_: object, **__: object
-    ) -> Estimate | None:
-        self.asked.append((stamp_ns, position_m, velocity_m_s))
-        if self.answer is None:
-            return None
-        return Estimate(self.answer, self.answer - 0.1, self.answer + 0.1, "friction")
-
-    def reset(self) -> None:
-        self.asked.clear()
 
 
 NOTHING = Snapshot(nothing_learned(), None)
@@ -48,7 +29,7 @@ class Bench:
     """The loop at 1 kHz, armed and fed with fresh forces unless a test says otherwise; the hand pushes in."""
 
     def __init__(self, settings: RenderingSettings = SETTINGS) -> None:
-        self.predictor = Spring()
+        self.predictor = FakePredictor()
         self.loop = HapticLoop(self.predictor, settings)
         self.now_ns = 10_000 * MS
         self.heard_ns: int | None = None

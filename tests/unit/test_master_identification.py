@@ -12,7 +12,7 @@ from forefeel.common.estimation.predictor import Predictor
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
 from forefeel.master.prediction import ForcePrediction, IdentificationTask
-from tests.unit.dashboard.said import force
+from tests.messages import force
 
 MS = 1_000_000
 DELAY = 300

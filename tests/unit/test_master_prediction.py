@@ -12,7 +12,7 @@ from forefeel.common.limiter import MotionLimiter
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
 from forefeel.master.prediction import ExpectedSetpoint, ForcePrediction, IdentificationTask
-from tests.unit.dashboard.said import force
+from tests.messages import force
 from tests.unit.test_stage_lag import Drive, _reach
 
 MS = 1_000_000

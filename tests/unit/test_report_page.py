@@ -5,6 +5,7 @@ import pytest
 from forefeel.common.errors import RecordingError, RunError
 from forefeel.common.messages import MOST_FORCE_N
 from forefeel.common.recording.mcap_writer import RunWriter
+from forefeel.common.topics import CALIBRATION, MASTER_TIMING, PARAMETERS
 from forefeel.report.page import write_report
 from tests.unit.page_checks import check_page
 from tests.unit.report_run import RunBuilder, S, recorded, write_known_run
@@ -58,8 +59,8 @@ def test_one_message_of_each_and_a_model_that_ran_away_have_a_page(tmp_path: Pat
         run.haptics(0, 1, predicted_n=MOST_FORCE_N, zoh_n=0.0, answered=1, delay_s=0.0)
         run.force(0, 1.0, answers=1)
         run.slave_state(0, S.ARMED)
-        run.parameters(0, 1.0)
-        run.timing(0, "master")
+        run.say(PARAMETERS, 0)
+        run.say(MASTER_TIMING, 0)
     report = write_report(tmp_path / "run.mcap", tmp_path)
     assert report.prediction.rms_n == pytest.approx(MOST_FORCE_N, rel=1e-3)
     assert "0 ms ahead" in (tmp_path / "report.html").read_text()
@@ -73,7 +74,7 @@ def test_every_calibration_is_one_line_however_often_it_was_said(tmp_path: Path)
     with recorded(tmp_path / "run.mcap") as run:
         run.slave_state(0, S.READY)
         for t_ms in range(0, 9000, 2000):
-            run.calibration(t_ms, **(cell if t_ms < 5000 else {**cell, "gain_n": 1.5}))
+            run.say(CALIBRATION, t_ms, **(cell if t_ms < 5000 else {**cell, "gain_n": 1.5}))
     report = write_report(tmp_path / "run.mcap", tmp_path)
     assert [found["gain_n"] for found in report.calibrations] == [1.02, 1.5]
     assert (tmp_path / "report.html").read_text().count("&lt;SN-7&gt;") == 2

@@ -5,9 +5,11 @@ from hypothesis import strategies as st
 
 from forefeel.common.error_size import error_size
 from forefeel.common.messages import SafetyEvent, SafetyState
+from forefeel.common.topics import SAFETY_EVENT
 from forefeel.report.score import compare, first_answers, first_of_each, of_one_stretch, spread, stretches
 from forefeel.report.states import Span, armed_share, session_end_ns, spans
 from forefeel.report.transparency import transparency
+from tests.messages import usual
 
 S = SafetyState
 BIG = 2**62
@@ -133,9 +135,7 @@ def transition(event: str) -> SafetyEvent:
         "at_rest": (S.STOPPING, S.READY),
         "session_lost": (S.READY, S.IDLE),
     }.get(event, (S.ARMED, S.STOPPING))
-    return SafetyEvent(
-        session_id=1, sequence=1, stamp_ns=0, before=before, event=event, after=after, reason=""
-    )
+    return usual(SAFETY_EVENT, before=before, event=event, after=after)
 
 
 @pytest.mark.parametrize(

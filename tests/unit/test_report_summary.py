@@ -8,12 +8,19 @@ import pytest
 from forefeel.common.errors import RunError
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.mcap_writer import RunWriter
+from forefeel.common.topics import (
+    LIMIT_EVENT,
+    MASTER_STATE,
+    MASTER_TIMING,
+    SAFETY_EVENT,
+    SLAVE_HANDSHAKE,
+    SLAVE_IMPAIRMENT,
+)
 from forefeel.loopback.outcome import amber_line, require_armed
 from forefeel.report.model import LoopFigures, Loops, RunReport
 from forefeel.report.page import ten_lines
 from forefeel.report.summary import summarise
 from forefeel.report.wording import DISCLAIMER
-from tests.unit.dashboard.said import slave_state
 from tests.unit.report_run import SESSION, RunBuilder, S, recorded, write_known_run
 
 
@@ -92,7 +99,7 @@ def test_armed_share_does_not_depend_on_when_states_arrive(
             sent_ms = t_ms - (run.late_ms if abs(run.late_ms) == 3_600_000 else 0)
             run.slave_state(sent_ms, S.ARMED if 1000 <= t_ms < 3000 else S.READY)
         run.late_ms = 0
-        run.master_state(4030)
+        run.say(MASTER_STATE, 4030)
     assert _summary(tmp_path / "run.mcap").armed_share == pytest.approx(2.0 / 3.0, rel=0.02)
 
 
@@ -137,7 +144,7 @@ def test_a_run_of_one_end_says_so(tmp_path: Path, present: str, missing: str) ->
     with recorded(tmp_path / "run.mcap") as run:
         if present == "master":
             run.haptics(0, 1, predicted_n=1.0)
-            run.master_state(10)
+            run.say(MASTER_STATE, 10)
         else:
             run.force(0, 1.0, answers=None)
             run.slave_state(10, S.READY)
@@ -150,14 +157,13 @@ def test_a_run_of_one_end_says_so(tmp_path: Path, present: str, missing: str) ->
 
 def test_what_an_axis_does_without_is_a_note(tmp_path: Path) -> None:
     with recorded(tmp_path / "run.mcap") as run:
-        fields = {"reason": "", "position_m": 0.0, "counters": {}, "caveats": ("unsafe: x = 1",)}
-        run.put("slave/state", slave_state(**run.header(10), **fields), 10)
+        run.slave_state(10, S.ARMED, caveats=("unsafe: x = 1",))
     assert "With unsafe: x = 1." in _summary(tmp_path / "run.mcap").notes
 
 
 def test_a_refused_session_is_told(tmp_path: Path) -> None:
     with recorded(tmp_path / "run.mcap") as run:
-        run.handshake(0, '{"axis": "\\ud800"}', accepted=False, reason="settings differ: max_force_n")
+        run.say(SLAVE_HANDSHAKE, 0, settings='{"axis": "\\ud800"}', reason="settings differ: max_force_n")
     report = _summary(tmp_path / "run.mcap")
     assert any("settings differ: max_force_n" in note for note in report.notes)
     _parsed(report)
@@ -167,7 +173,7 @@ def test_only_what_changed_a_motion_counts_as_limited(tmp_path: Path) -> None:
     rules = ("velocity", "force", "travel", "late", "sequence", "session", "range", "alignment", "round_trip")
     with recorded(tmp_path / "run.mcap") as run:
         for t_ms, rule in enumerate(rules):
-            run.limit(t_ms, rule, 10**t_ms)
+            run.say(LIMIT_EVENT, t_ms, rule=rule, count=10**t_ms)
     report = _summary(tmp_path / "run.mcap")
     assert report.counters["limit_late"] == 1000
     assert "Counters   111 motions limited" in ten_lines(report)[7]
@@ -226,9 +232,9 @@ def test_slave_that_was_never_armed_fails_the_run(tmp_path: Path, report: RunRep
         with pytest.raises(RunError, match=cause):
             require_armed(never.model_copy(update=changed))
     with recorded(tmp_path / "run.mcap") as run:
-        run.safety(1, "engage", "")
-        run.safety(2, "watchdog", "no valid command for 61 ms", S.ENGAGING, S.STOPPING)
-        run.safety(3, "at_rest", "", S.STOPPING, S.READY)
+        run.say(SAFETY_EVENT, 1, before=S.READY, event="engage", after=S.ENGAGING)
+        run.say(SAFETY_EVENT, 2, before=S.ENGAGING, reason="no valid command for 61 ms")
+        run.say(SAFETY_EVENT, 3, before=S.STOPPING, event="at_rest", after=S.READY)
     with pytest.raises(RunError, match="watchdog"):
         require_armed(_summary(tmp_path / "run.mcap"))
 
@@ -236,8 +242,8 @@ def test_slave_that_was_never_armed_fails_the_run(tmp_path: Path, report: RunRep
 def test_every_axis_has_a_report_and_the_loops_are_found_on_any(tmp_path: Path) -> None:
     with RunWriter(tmp_path / "run.mcap") as writer:
         insertion, rotation = RunBuilder(writer, "insertion"), RunBuilder(writer, "rotation")
-        rotation.timing(0, "master")
-        rotation.impairment(0, "slave", ((), (1,)))
+        rotation.say(MASTER_TIMING, 0)
+        rotation.say(SLAVE_IMPAIRMENT, 0, delays_ns=((), (1,)))
         for run, error_n in (insertion, 1.0), (rotation, 2.0):
             run.haptics(1, 1, predicted_n=error_n, zoh_n=5.0)
             run.force(2, 0.0, answers=1)

@@ -8,7 +8,9 @@ from forefeel.common.bus import Publisher
 from forefeel.common.codec import Codec, decode
 from forefeel.common.heartbeats import Heartbeats
 from forefeel.common.messages import Heartbeat
+from forefeel.common.topics import MASTER_HEARTBEAT
 from forefeel.slave.session import Lease
+from tests.messages import usual
 
 MS = 1_000_000
 LEASE_NS = 1000 * MS
@@ -88,9 +90,8 @@ class Rig:
 def heartbeat(
     sequence: int, stamp_ns: int, echo_ns: int | None = None, got_ns: int | None = None
 ) -> Heartbeat:
-    return Heartbeat(
-        session_id=1, sequence=sequence, stamp_ns=stamp_ns, echo_stamp_ns=echo_ns, echo_receive_ns=got_ns
-    )
+    echo = {"echo_stamp_ns": echo_ns, "echo_receive_ns": got_ns}
+    return usual(MASTER_HEARTBEAT, sequence=sequence, stamp_ns=stamp_ns, **echo)
 
 
 def test_a_right_answer_compares_the_clocks() -> None:

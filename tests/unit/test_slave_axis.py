@@ -4,11 +4,12 @@ import re
 
 import pytest
 
-from forefeel.common import topics
 from forefeel.common.codec import encode
 from forefeel.common.messages import MOST_QUANTITY, PROTOCOL_VERSION, Grip, SafetyState
 from forefeel.common.settings import settings_hash
-from tests.unit.slave_rig import SESSION, SHARED, SlaveRig
+from forefeel.common.topics import COMMAND, FORCE, LIMIT_EVENT, SLAVE_STATE
+from tests.messages import SHARED
+from tests.unit.rigs import SESSION, SlaveRig
 
 S = SafetyState
 
@@ -46,10 +47,11 @@ def test_a_master_of_another_protocol_is_refused_in_one_line() -> None:
 
 def test_a_jump_to_the_largest_number_of_a_command_refuses_the_others_and_is_told() -> None:
     rig = SlaveRig().armed()
-    rig.put_raw(topics.COMMAND, encode(rig.command().model_copy(update={"sequence": 2**63 - 1})))
+    rig.put(COMMAND, encode(rig.command().model_copy(update={"sequence": 2**63 - 1})))
     rig.step(200)
-    assert rig.limits[-1].rule in ("sequence", "second_writer")
-    assert rig.limits[-1].applied == MOST_QUANTITY
+    limit = rig.newest(LIMIT_EVENT)
+    assert limit.rule in ("sequence", "second_writer")
+    assert limit.applied == MOST_QUANTITY
 
 
 def test_a_repeated_handshake_does_not_reset_the_sequence() -> None:
@@ -57,7 +59,7 @@ def test_a_repeated_handshake_does_not_reset_the_sequence() -> None:
     recorded = rig.command()
     assert rig.shake().accepted
     before = rig.counters().get("refused_sequence", 0)
-    rig.put_raw(topics.COMMAND, encode(recorded))
+    rig.put(COMMAND, encode(recorded))
     assert rig.counters()["refused_sequence"] == before + 1
     rig.step(5)
     assert rig.state() is S.ARMED
@@ -73,7 +75,7 @@ def test_a_masters_clock_at_a_rate_that_can_not_be_followed_is_a_fault_that_says
     assert rig.state() is S.FAULT
     found = re.fullmatch(
         rf"the master's clock runs at least (\d+) ppm {way} against ours, limit 1000 ppm: .*",
-        rig.states[-1].reason,
+        rig.reason,
     )
     assert found is not None and 60_000 < int(found[1]) < 90_000
     rig.axis.clear()
@@ -88,9 +90,10 @@ def test_an_armed_axis_follows_and_each_force_answers_the_command_of_the_tick_be
         rig.position_m += 1e-5
         rig.fields = {"recording_time_s": i / 1000, "velocity_m_s": 0.01}
         rig.step()
-        newest = rig.publishers["master/command"].header(0, 0)["sequence"] - 1
-        sent.append((newest, rig.now_ns, i / 1000))
-    answers = [(f.answers_sequence, f.answers_stamp_ns, f.recording_time_s) for f in rig.forces[-19:]]
+        sent.append((rig.newest(COMMAND).sequence, rig.now_ns, i / 1000))
+    answers = [
+        (f.answers_sequence, f.answers_stamp_ns, f.recording_time_s) for f in rig.messages(FORCE)[-19:]
+    ]
     assert answers == sent[:-1]
     assert rig.load_cell.asked[-19:] == [time_s for *_, time_s in sent[:-1]]
     assert rig.stage.position_m == pytest.approx(rig.position_m, abs=2e-5)
@@ -105,10 +108,10 @@ def test_the_grip_of_a_followed_command_reaches_the_gripper() -> None:
     rig.step(5)
     assert rig.gripper.asked[-1] is Grip.OPEN
     assert rig.state() is S.ENGAGING
-    assert rig.states[-1].gripper is Grip.OPEN
+    assert rig.newest(SLAVE_STATE).gripper is Grip.OPEN
 
 
 def test_the_state_says_what_the_axis_does_without() -> None:
     rig = SlaveRig().connected()
-    assert len(rig.states[-1].caveats) == 3
-    assert rig.states[-1].caveats == rig.axis.settings.caveats
+    assert len(rig.newest(SLAVE_STATE).caveats) == 3
+    assert rig.newest(SLAVE_STATE).caveats == rig.axis.settings.caveats

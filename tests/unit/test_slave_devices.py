@@ -6,18 +6,19 @@ from math import inf, nan
 
 import pytest
 
-from forefeel.common import topics
-from forefeel.common.bus import Bus
 from forefeel.common.clock import VirtualClock
 from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalibration
 from forefeel.common.hardware.link import DeviceLink
-from forefeel.common.messages import Calibration, ForceSample, Grip, MotionCommand, SafetyState
+from forefeel.common.messages import ForceSample, Grip, SafetyState
+from forefeel.common.topics import CALIBRATION, COMMAND, FORCE, LIMIT_EVENT
 from forefeel.common.transport.memory import MemoryBus
 from forefeel.slave.forces import ForcePublisher, Instant, PolarityWatch, PushWatch
 from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.stage import StageReading
-from tests.unit.slave_rig import MS, SESSION, START_M, SlaveRig
+from tests.messages import usual
+from tests.network import Party
+from tests.unit.rigs import MS, SESSION, START_M, SlaveRig
 
 S = SafetyState
 
@@ -27,7 +28,7 @@ def test_a_stage_that_fails_is_a_fault_and_is_told_to_hold(call: str) -> None:
     rig = SlaveRig().armed()
     rig.stage.broken = {call}
     rig.step(2)
-    assert (rig.state(), rig.states[-1].reason) == (S.FAULT, f"stage: {call} refused")
+    assert (rig.state(), rig.reason) == (S.FAULT, f"stage: {call} refused")
     rig.stage.broken = set()
     rig.step(100)
     assert rig.state() is S.FAULT
@@ -42,8 +43,9 @@ def test_a_stage_that_can_not_even_hold_is_a_fault_and_the_loop_goes_on() -> Non
     rig.stage.broken = {"read", "command", "hold"}
     rig.step(20)
     assert rig.state() is S.FAULT
-    assert len(rig.forces) == len(rig.load_cell.asked) + 20
-    assert {force.valid for force in rig.forces[-19:]} == {False}
+    forces = rig.messages(FORCE)
+    assert len(forces) == len(rig.load_cell.asked) + 20
+    assert {force.valid for force in forces[-19:]} == {False}
 
 
 def test_stuck_stage_is_a_fault_and_does_not_leap_once_freed() -> None:
@@ -52,7 +54,7 @@ def test_stuck_stage_is_a_fault_and_does_not_leap_once_freed() -> None:
     for _ in range(100):
         rig.position_m += 5e-5
         rig.step()
-    assert rig.state() is S.FAULT and "off its setpoint" in rig.states[-1].reason
+    assert rig.state() is S.FAULT and "off its setpoint" in rig.reason
     asked = len(rig.stage.commands)
     rig.stage.stuck = False
     rig.step(100)
@@ -69,14 +71,15 @@ def test_stuck_stage_is_a_fault_and_does_not_leap_once_freed() -> None:
 
 def test_a_gripper_or_load_cell_that_fails_is_a_fault() -> None:
     rig = SlaveRig().armed()
-    rig.gripper.broken = True
+    rig.gripper.broken = {"set"}
     rig.step(2)
-    assert (rig.state(), rig.states[-1].reason) == (S.FAULT, "gripper: jammed")
+    assert (rig.state(), rig.reason) == (S.FAULT, "gripper: set refused")
     rig = SlaveRig().armed()
-    rig.load_cell.error = DeviceError("load cell: unplugged")
+    rig.load_cell.broken = {"read"}
     rig.step()
-    assert (rig.state(), rig.states[-1].reason) == (S.FAULT, "load cell: unplugged")
-    assert (rig.forces[-1].valid, rig.forces[-1].force_n) == (False, 0.0)
+    assert (rig.state(), rig.reason) == (S.FAULT, "load cell: read refused")
+    force = rig.newest(FORCE)
+    assert (force.valid, force.force_n) == (False, 0.0)
 
 
 @pytest.mark.parametrize("force_n", [nan, inf, -inf, 5.01, -1e300])
@@ -85,8 +88,9 @@ def test_a_force_beyond_the_full_scale_is_a_fault_and_never_published(force_n: f
     rig.load_cell.reading = LoadCellReading(force_n, 0, True)
     rig.step()
     assert rig.state() is S.FAULT
-    assert rig.states[-1].reason == f"load cell = {force_n:g} N: expected at most its full scale, 5 N"
-    assert (rig.forces[-1].valid, rig.forces[-1].force_n) == (False, 0.0)
+    assert rig.reason == f"load cell = {force_n:g} N: expected at most its full scale, 5 N"
+    force = rig.newest(FORCE)
+    assert (force.valid, force.force_n) == (False, 0.0)
     assert rig.stage.holds[-1] == rig.now_ns
 
 
@@ -99,8 +103,8 @@ def test_a_readback_that_is_none_is_a_fault_and_the_last_one_stays(field: str, v
     setattr(rig.stage, field, value)
     rig.step()
     assert rig.state() is S.FAULT
-    assert "expected at most 10 m and 1000 m/s" in rig.states[-1].reason
-    assert rig.forces[-1].position_m == pytest.approx(START_M)
+    assert "expected at most 10 m and 1000 m/s" in rig.reason
+    assert rig.newest(FORCE).position_m == pytest.approx(START_M)
 
 
 def test_an_axis_does_not_open_on_a_stage_that_does_not_say_where_it_is() -> None:
@@ -114,7 +118,7 @@ def test_an_axis_does_not_open_on_a_stage_that_does_not_say_where_it_is() -> Non
 
 
 def total(rig: SlaveRig, rule: str) -> int:
-    return sum(event.count for event in rig.limits if event.rule == rule)
+    return sum(event.count for event in rig.messages(LIMIT_EVENT) if event.rule == rule)
 
 
 def test_every_intervention_of_the_loop_is_counted_once() -> None:
@@ -125,11 +129,11 @@ def test_every_intervention_of_the_loop_is_counted_once() -> None:
     rig.step(700)
     rig.deadman = False
     rig.step(300)
-    published = {rule: total(rig, rule) for rule in {event.rule for event in rig.limits}}
+    published = {rule: total(rig, rule) for rule in {event.rule for event in rig.messages(LIMIT_EVENT)}}
     assert published["range"] == 20
     assert published["workspace"] == 700
     assert sum(published.values()) == rig.counters()["limit_interventions"]
-    times_ns = [event.stamp_ns for event in rig.limits if event.rule == "workspace"]
+    times_ns = [event.stamp_ns for event in rig.messages(LIMIT_EVENT) if event.rule == "workspace"]
     assert all(later - earlier >= 100 * MS for earlier, later in pairwise(times_ns))
     assert rig.stage.position_m <= 0.12 + 1e-12
 
@@ -140,7 +144,7 @@ def test_a_drive_that_does_not_go_where_it_is_told_is_an_intervention() -> None:
     rig.position_m = START_M + 0.002
     rig.step(40)
     assert total(rig, "travel") > 0
-    event = next(event for event in rig.limits if event.rule == "travel")
+    event = next(event for event in rig.messages(LIMIT_EVENT) if event.rule == "travel")
     assert (event.applied, event.unit) == (START_M + 0.001, "m")
     assert event.requested > event.applied
 
@@ -220,23 +224,16 @@ def rig() -> SlaveRig:
     return SlaveRig().connected()
 
 
-def announced(rig: SlaveRig) -> list[Calibration]:
-    heard = list[Calibration]()
-    bus = Bus(rig.network.session(rig.clock), "cell", "insertion", rig.clock)
-    bus.subscribe(topics.CALIBRATION, lambda message, _: heard.append(message))
-    rig.axis.announce(rig.now_ns)
-    return heard
-
-
 def test_what_the_drivers_have_loaded_is_said_every_time(rig: SlaveRig) -> None:
     rig.load_cell.calibration, rig.stage.calibration = CELL, STAGE  # type: ignore[attr-defined]
     for _ in range(2):
-        heard = announced(rig)
-        assert [(said.slot, said.date, said.session_id) for said in heard] == [
+        rig.axis.announce(rig.now_ns)
+        put = rig.messages(CALIBRATION)[-2:]
+        assert [(each.slot, each.date, each.session_id) for each in put] == [
             ("stage", "2026-03-02", SESSION), ("load_cell", "2026-03-01", SESSION),
         ]  # fmt: skip
         for name in ANNOUNCED:
-            assert [getattr(said, name) for said in heard] == [getattr(c, name, None) for c in (STAGE, CELL)]
+            assert [getattr(each, name) for each in put] == [getattr(c, name, None) for c in (STAGE, CELL)]
 
 
 def test_what_the_drivers_counted_stands_among_the_counters_of_the_slave(rig: SlaveRig) -> None:
@@ -248,31 +245,17 @@ def test_what_the_drivers_counted_stands_among_the_counters_of_the_slave(rig: Sl
     assert counted == {"stage_lost_replies": 3, "load_cell_bad_checksum": 2}
 
 
-def command(sequence: int) -> MotionCommand:
-    return MotionCommand(
-        session_id=1,
-        sequence=sequence,
-        stamp_ns=sequence * MS,
-        position_m=0.0,
-        velocity_m_s=0.0,
-        deadman=True,
-    )
-
-
 def answered(*stamps_ns: int | None) -> list[ForceSample]:
     """Ten ticks at 1 mm/s that execute a command each; then these readings."""
-    clock, heard = VirtualClock(), list[ForceSample]()
-    network = MemoryBus()
-    bus = Bus(network.session(clock), "cell", "insertion", clock)
-    listener = Bus(network.session(clock), "cell", "insertion", clock)
-    listener.subscribe(topics.FORCE, lambda sample, _: heard.append(sample))
-    answers = ForcePublisher(bus.publisher(topics.FORCE))
+    party = Party(MemoryBus(), VirtualClock())
+    answers = ForcePublisher(party.bus.publisher(FORCE))
     for tick in range(1, 11):
+        command = usual(COMMAND, sequence=tick, stamp_ns=tick * MS)
         limits = tick * 2e-6, tick > 3
-        answers.note(Instant(tick * MS, StageReading(tick * 1e-6, 1e-3), command(tick), Grip.CLOSED, *limits))
+        answers.note(Instant(tick * MS, StageReading(tick * 1e-6, 1e-3), command, Grip.CLOSED, *limits))
     for number, stamp_ns in enumerate(stamps_ns):
         answers.send(LoadCellReading(0.1 * number, number, True, stamp_ns), 1, None)
-    return heard
+    return party.messages(FORCE)
 
 
 def test_a_reading_without_a_stamp_belongs_to_the_newest_tick() -> None:
@@ -298,9 +281,9 @@ def test_a_reading_from_before_all_that_is_remembered_belongs_to_the_oldest() ->
 def test_a_slow_cell_gives_as_many_messages_as_readings_and_its_newest_counts_until_it_is_stale() -> None:
     rig = SlaveRig().armed()
     rig.load_cell.every = 8
-    before = len(rig.forces)
+    before = len(rig.messages(FORCE))
     rig.step(80)
-    assert len(rig.forces) - before == 10
+    assert len(rig.messages(FORCE)) - before == 10
     assert rig.state() is SafetyState.ARMED
     rig.load_cell.every = 1_000_000
     rig.step(1000)  # silent: stale after 20 ms, a fault after gate.force_timeout_s

@@ -5,8 +5,6 @@ limits of speed and acceleration; on commands of the master alone, fresh, each i
 without a clearing, a release and a press; and 60 ms after the last of them at most.
 """
 
-from typing import Any
-
 from hypothesis import settings
 from hypothesis import strategies as st
 from hypothesis.stateful import (
@@ -18,11 +16,12 @@ from hypothesis.stateful import (
 )
 
 from forefeel.common.codec import encode
-from forefeel.common.messages import FOLLOWING, MOST_POSITION_M, EmergencyStop, MotionCommand, SafetyState
+from forefeel.common.messages import FOLLOWING, MOST_POSITION_M, MotionCommand, SafetyState
 from forefeel.common.settings import AxisLimits
 from forefeel.common.topics import COMMAND, EMERGENCY_STOP
 from forefeel.slave.load_cell import LoadCellReading
-from tests.unit.slave_rig import MS, SETTINGS, SlaveRig
+from tests.messages import usual
+from tests.unit.rigs import MS, SETTINGS, SlaveRig
 
 S = SafetyState
 LIMITS = AxisLimits()
@@ -122,7 +121,7 @@ class SlaveModel(RuleBasedStateMachine):
         for tick in range(ticks):
             if lets_go:
                 self.rig.position_m, self.rig.deadman = self.rig.stage.position_m, tick > ticks // 2
-            waiting.append(self._build())
+            waiting.append(self.rig.next_command())
             self._tick(send=False)
         for _ in range(longer):
             self._tick(send=False)
@@ -134,7 +133,7 @@ class SlaveModel(RuleBasedStateMachine):
     def reorder(self, ticks: int, data: st.DataObject) -> None:
         waiting = []
         for _ in range(ticks):
-            waiting.append(self._build())
+            waiting.append(self.rig.next_command())
             self._tick(send=False)
         for command in data.draw(st.permutations(waiting)):
             self._deliver(command)
@@ -147,7 +146,7 @@ class SlaveModel(RuleBasedStateMachine):
     def replay(self, data: st.DataObject, times: int) -> None:
         payload = data.draw(st.sampled_from(self.sent[-400:]))
         for _ in range(times):
-            self.rig.put_raw(COMMAND, payload)
+            self.rig.put(COMMAND, payload)
         self._tick(send=False)
 
     # Two clocks that are compared once a second at least may have parted by 1 ms (1000 ppm).
@@ -166,7 +165,7 @@ class SlaveModel(RuleBasedStateMachine):
 
     @rule(payload=st.binary(max_size=80))
     def garbage(self, payload: bytes) -> None:
-        self.rig.put_raw(COMMAND, payload)
+        self.rig.put(COMMAND, payload)
         self._tick(send=True)
 
     @rule(session_id=st.integers(0, 2**62))
@@ -179,9 +178,8 @@ class SlaveModel(RuleBasedStateMachine):
 
     @rule(readable=st.booleans(), times=st.integers(1, 5))
     def emergency_stop(self, readable: bool, times: int) -> None:
-        stop = EmergencyStop(session_id=0, sequence=1, stamp_ns=0, source="x", reason="stop")
         for _ in range(times):
-            self.rig.put_raw(EMERGENCY_STOP, encode(stop) if readable else b"stop")
+            self.rig.put(EMERGENCY_STOP, encode(usual(EMERGENCY_STOP)) if readable else b"stop")
         self.halted = True
         self._tick(send=True)
         assert self.state is S.ESTOPPED
@@ -220,11 +218,6 @@ class SlaveModel(RuleBasedStateMachine):
         for _ in range(ticks):
             self._tick(send=True)
 
-    def _build(self) -> MotionCommand:
-        header = self.rig.publishers[COMMAND.name].header(self.rig.session_id, self.rig.now_ns)
-        fields: dict[str, Any] = {"velocity_m_s": 0.0, **self.rig.fields}
-        return MotionCommand(**header, position_m=self.rig.position_m, deadman=self.rig.deadman, **fields)
-
     def _deliver(self, command: MotionCommand) -> None:
         payload = encode(command)
         self.sent.append(payload)
@@ -232,22 +225,22 @@ class SlaveModel(RuleBasedStateMachine):
         if self.rig.now_ns - command.stamp_ns <= MAX_AGE_NS:
             self.last_fresh_ns = self.rig.now_ns
             self.released |= not command.deadman
-        self.rig.put_raw(COMMAND, payload)
+        self.rig.put(COMMAND, payload)
 
     def _forge(self, session_id: int, stamp_ns: int, deadman: bool) -> None:
         self.stranger += 1
-        forged = MotionCommand(
-            session_id=session_id, sequence=2**40 + self.stranger, stamp_ns=stamp_ns,
+        forged = usual(
+            COMMAND, session_id=session_id, sequence=2**40 + self.stranger, stamp_ns=stamp_ns,
             position_m=self.rig.stage.position_m, velocity_m_s=0.1, deadman=deadman,
         )  # fmt: skip
-        self.rig.put_raw(COMMAND, encode(forged))
+        self.rig.put(COMMAND, encode(forged))
         self._tick(send=False)
 
     def _tick(self, send: bool) -> None:
         before, commands = self.state, len(self.rig.stage.commands)
         self.rig.sends = False
         if send:
-            self._deliver(self._build())
+            self._deliver(self.rig.next_command())
         self.rig.step()
         self._check(before, self.rig.stage.commands[commands:])
 

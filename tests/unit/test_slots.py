@@ -6,7 +6,9 @@ from hypothesis import strategies as st
 
 from forefeel.common.messages import MotionCommand
 from forefeel.common.slots import BoundedQueue, LatestValue
+from forefeel.common.topics import COMMAND
 from forefeel.slave.command_receiver import CommandSlot
+from tests.messages import usual
 
 
 def test_a_slot_keeps_the_newest_and_gives_it_once() -> None:
@@ -37,9 +39,7 @@ def test_a_queue_keeps_the_newest_in_order_and_counts_what_it_drops(
 
 
 def command(sequence: int, deadman: bool) -> MotionCommand:
-    return MotionCommand(
-        session_id=1, sequence=sequence, stamp_ns=sequence, position_m=0.0, velocity_m_s=0.0, deadman=deadman
-    )
+    return usual(COMMAND, sequence=sequence, stamp_ns=sequence, deadman=deadman)
 
 
 @pytest.mark.parametrize(

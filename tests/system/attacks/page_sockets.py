@@ -14,7 +14,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from tests.browser import Served, Speaker
 from tests.system.rows import Result, Row
-from tests.unit.dashboard.said import CELL
+from tests.unit.dashboard.talk import CELL
 
 _HALF = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nX-Half: "
 _HALF_COUNT, _SILENT_COUNT = 1100, 16

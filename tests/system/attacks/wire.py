@@ -12,8 +12,7 @@ import zenoh
 
 from forefeel.common.codec import encode
 from forefeel.common.events.sink import SAFETY
-from forefeel.common.messages import EmergencyStop, Handshake, MotionCommand
-from forefeel.common.settings import AxisLimits, settings_hash, shared_text
+from forefeel.common.messages import MotionCommand
 from forefeel.common.state.folder import EVENTS
 from forefeel.common.topics import (
     COMMAND,
@@ -29,6 +28,7 @@ from forefeel.common.topics import (
 )
 from tests.event_lines import read_events
 from tests.live_cell import AXIS, CELL, LiveCell, Process
+from tests.messages import usual
 from tests.simulation.attack_outcome import Expected, Outcome
 from tests.system.attacks.flood import flood
 from tests.system.attacks.stranger import CONNECTED, HEARING, PAPERS, Stranger, stranger, tls_of
@@ -121,18 +121,12 @@ class Scene:
 
 def handshake(session_id: int, sequence: int) -> bytes:
     """With the right settings."""
-    shared = shared_text(CELL, AXIS, AxisLimits())
-    return encode(
-        Handshake(
-            session_id=session_id, sequence=sequence, stamp_ns=0, role="master", instance_id=6,
-            software="x", settings=shared, settings_hash=settings_hash(shared),
-        )
-    )  # fmt: skip
+    return encode(usual(MASTER_HANDSHAKE, session_id=session_id, sequence=sequence))
 
 
 def wildcards(scene: Scene) -> Outcome:
     """A put to a pattern reaches whoever hears any key of it."""
-    stop = encode(EmergencyStop(session_id=0, sequence=1, stamp_ns=0, source="x", reason="all"))
+    stop = encode(usual(EMERGENCY_STOP))
     keys = ("forefeel/**", "forefeel/*/*/any/estop", "forefeel/ce$*/*/any/estop", f"forefeel/{CELL}/**", "**")
     for key in keys:
         scene.attacker.put(key, stop)
@@ -172,8 +166,7 @@ def flood_of_handshakes(scene: Scene) -> Outcome:
 
 def flood_of_stops(scene: Scene) -> Outcome:
     """Ten thousand a second, with control characters in their reason: one stop, told once, printed clean."""
-    stop = EmergencyStop(session_id=0, sequence=1, stamp_ns=0, source="x", reason="\x1b[2J\u202estop")
-    payload = encode(stop)
+    payload = encode(usual(EMERGENCY_STOP, reason="\x1b[2J\u202estop"))
     scene.flood(EMERGENCY_STOP, 10_000, [payload])
     outcome = scene.end(Expected(told="estop", armed=0.0, ends="estopped"))
     outcome.require(outcome.told.get("estop") == 1, "told more than once")

@@ -5,31 +5,17 @@ import pytest
 
 from forefeel.common.codec import encode
 from forefeel.common.messages import ForceSample, Grip
-from forefeel.common.topics import COMMAND, FORCE, HAPTICS, SLAVE_STATE
+from forefeel.common.topics import COMMAND, FORCE, HAPTICS, LIMIT_EVENT, SAFETY_EVENT, SLAVE_STATE
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.cell_view import BEYOND, MOST_AXES, CellView
 from forefeel.dashboard.event_log import MOST
-from tests.unit.dashboard.said import (
-    AHEAD_NS,
-    AXIS,
-    CELL,
-    HOSTILE,
-    MS,
-    S,
-    force,
-    haptics,
-    heard,
-    limit,
-    safety,
-    slave_state,
-    talk,
-    wave_n,
-)
+from tests.messages import force, haptics, usual, wave_n
+from tests.unit.dashboard.talk import AHEAD_NS, AXIS, CELL, HOSTILE, MS, S, talk, viewed
 
 
 def test_a_measured_force_stands_at_the_command_that_it_answers() -> None:
     """300 ms late and 40 s off by its own clock, it lies on what was predicted for that command."""
-    view, _ = heard(3.0)
+    view, _ = viewed(3.0)
     points = view.traces["measured"].since(0).rows
     start_ns = 9 * S + MS  # the first stamp that was heard
     assert len(points) > 200
@@ -70,14 +56,14 @@ def test_stage_that_moves_with_open_fixture_moves_no_tip() -> None:
 
 
 def test_the_band_goes_with_the_prediction() -> None:
-    view, _ = heard(1.0)
+    view, _ = viewed(1.0)
     rows = view.traces["predicted"].since(0).rows
     assert np.allclose(rows[:, 1] - rows[:, 2], 0.02)
     assert np.allclose(rows[:, 3] - rows[:, 1], 0.03)
 
 
 def test_each_answered_command_gives_one_delay() -> None:
-    view, _ = heard(2.0)
+    view, _ = viewed(2.0)
     assert len(view.delays.rows()) == pytest.approx(1700, abs=2)
     again = AxisView()
     for tick in range(50):
@@ -86,7 +72,7 @@ def test_each_answered_command_gives_one_delay() -> None:
 
 
 def test_the_error_of_a_prediction_is_counted_by_command() -> None:
-    view, _ = heard(8.0)
+    view, _ = viewed(8.0)
     assert view.watch.signs.outside_share == 0.0
     wrong = CellView()
     for topic, message, when in talk(1, 8000):
@@ -98,11 +84,11 @@ def test_the_error_of_a_prediction_is_counted_by_command() -> None:
 
 
 def test_events_are_kept_in_words_and_bounded() -> None:
-    view, _ = heard(0.01)
+    view, _ = viewed(0.01)
     view.take(FORCE, force(1, 1, None), 20 * S)
     for count in range(3 * MOST):
-        view.events.hear(limit(count=count + 1), "slave", count)
-    view.events.hear(safety(reason=HOSTILE + "\x1b[2J\n"), "slave", 1)
+        view.events.hear(usual(LIMIT_EVENT, count=count + 1), "slave", count)
+    view.events.hear(usual(SAFETY_EVENT, reason=HOSTILE + "\x1b[2J\n"), "slave", 1)
     lines = list(view.events)
     assert len(lines) == MOST
     assert lines[-1].text == f"armed -> stopping, watchdog: {HOSTILE}?[2J?"
@@ -113,7 +99,7 @@ def test_events_are_kept_in_words_and_bounded() -> None:
 def test_axes_of_strangers_are_bounded() -> None:
     cell = CellView()
     for number in range(3 * MOST_AXES):
-        cell.hear(SLAVE_STATE.key(CELL, f"axis{number}"), encode(slave_state()), number)
+        cell.hear(SLAVE_STATE.key(CELL, f"axis{number}"), encode(usual(SLAVE_STATE)), number)
     assert len(cell.axes) == MOST_AXES
     assert cell.refused == {BEYOND: 2 * MOST_AXES}
 

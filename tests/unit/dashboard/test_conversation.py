@@ -18,7 +18,7 @@ from forefeel.common.codec import encode
 from forefeel.dashboard.endpoint import MOST_VIEWERS, Endpoint
 from forefeel.dashboard.scene import Scene
 from forefeel.dashboard.sources import LiveCell
-from tests.unit.dashboard.said import AXIS, CELL, S, talk
+from tests.unit.dashboard.talk import AXIS, CELL, S, talk
 from tests.unit.dashboard.test_replay import write
 
 Act = str | Callable[[], None]

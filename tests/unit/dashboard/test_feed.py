@@ -5,15 +5,17 @@ from typing import Any
 
 import pytest
 
+from forefeel.common.topics import SAFETY_EVENT, SLAVE_STATE
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.feed import Feed
-from tests.unit.dashboard.said import AXIS, HOSTILE, MS, S, hear, safety, slave_state, talk
+from tests.messages import usual
+from tests.unit.dashboard.talk import AXIS, HOSTILE, MS, S, receive, talk
 
 
 def test_points_are_sent_once_and_none_is_left_out() -> None:
     cell, feed, got = CellView(), Feed(), list[list[float]]()
     for first in range(1, 3000, 33):
-        now_ns = hear(cell, talk(first, first + 33))
+        now_ns = receive(cell, talk(first, first + 33))
         got += feed.answer(cell, AXIS, now_ns)["traces"]["felt"]
     whole = Feed().answer(cell, AXIS, now_ns)["traces"]["felt"]
     assert got == whole
@@ -22,7 +24,7 @@ def test_points_are_sent_once_and_none_is_left_out() -> None:
 def test_cards_come_when_they_say_something_new_and_slow_ones_seldom() -> None:
     cell, feed, seen = CellView(), Feed(), list[str]()
     for first in range(1, 1001, 33):
-        now_ns = hear(cell, talk(first, first + 33))
+        now_ns = receive(cell, talk(first, first + 33))
         seen += feed.answer(cell, AXIS, now_ns)["cards"]
     assert 8 <= seen.count("numbers") <= 11
     assert seen.count("model") <= 3
@@ -31,8 +33,8 @@ def test_cards_come_when_they_say_something_new_and_slow_ones_seldom() -> None:
 
 def test_another_axis_and_another_time_begin_anew() -> None:
     cell, feed = CellView(), Feed()
-    hear(cell, talk(1, 500), "rotation")
-    now_ns = hear(cell, talk(1, 500))
+    receive(cell, talk(1, 500), "rotation")
+    now_ns = receive(cell, talk(1, 500))
     assert feed.answer(cell, "rotation", now_ns)["anew"]
     assert not feed.answer(cell, "rotation", now_ns)["anew"]
     found = feed.answer(cell, AXIS, now_ns)
@@ -45,17 +47,17 @@ def test_another_axis_and_another_time_begin_anew() -> None:
 @pytest.mark.parametrize("wanted", [None, "no such axis", HOSTILE])
 def test_an_axis_that_is_not_there_is_the_first_one(wanted: str | None) -> None:
     cell = CellView()
-    now_ns = hear(cell, talk(1, 10))
+    now_ns = receive(cell, talk(1, 10))
     assert Feed().answer(cell, wanted, now_ns)["axis"] == AXIS
     assert Feed().answer(CellView(), wanted, now_ns)["axis"] is None
 
 
 def test_answers_are_json_without_nan_and_keep_hostile_text_as_it_is() -> None:
     cell, feed = CellView(), Feed()
-    now_ns = hear(cell, talk(1, 700))
+    now_ns = receive(cell, talk(1, 700))
     view = cell.axes[AXIS]
-    view.newest.slave = slave_state(reason=HOSTILE)
-    view.events.hear(safety(reason=HOSTILE), "slave", now_ns)
+    view.newest.slave = usual(SLAVE_STATE, reason=HOSTILE)
+    view.events.hear(usual(SAFETY_EVENT, reason=HOSTILE), "slave", now_ns)
     answer: dict[str, Any] = json.loads(json.dumps(feed.answer(cell, AXIS, now_ns), allow_nan=False))
     assert answer["cards"]["standing"][2]["more"].endswith(HOSTILE)
     assert answer["cards"]["events"][0]["text"].endswith(HOSTILE)

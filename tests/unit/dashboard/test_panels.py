@@ -6,13 +6,14 @@ import pytest
 
 from forefeel.common.events.text import long_round_trip
 from forefeel.common.messages import SafetyState
-from forefeel.common.topics import MASTER_STATE, MASTER_TIMING, SLAVE_STATE, SLAVE_TIMING
+from forefeel.common.topics import MASTER_STATE, MASTER_TIMING, PARAMETERS, SLAVE_STATE, SLAVE_TIMING
 from forefeel.dashboard import panels
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.detector import Alarm
 from forefeel.dashboard.event_log import Level
 from forefeel.dashboard.indicators import lights
-from tests.unit.dashboard.said import HOSTILE, S, heard, master_state, parameters, slave_state, timing
+from tests.messages import usual
+from tests.unit.dashboard.talk import HOSTILE, S, viewed
 
 
 def told(
@@ -20,9 +21,9 @@ def told(
 ) -> dict[str, tuple[str, str, str]]:
     view = AxisView()
     if slave is not None:
-        view.take(SLAVE_STATE, slave_state(0, **slave), S)
+        view.take(SLAVE_STATE, usual(SLAVE_STATE, **slave), S)
     if master is not None:
-        view.take(MASTER_STATE, master_state(0, **master), S)
+        view.take(MASTER_STATE, usual(MASTER_STATE, **master), S)
     return {light.name: light[1:] for light in lights(view, round((1 + later_s) * S))}
 
 
@@ -74,23 +75,23 @@ def test_every_safety_state_has_a_word_and_a_level(state: SafetyState) -> None:
 def test_what_an_axis_does_without_is_shown_before_it_is_armed() -> None:
     without = ("unsafe: gate.lease_s = 5",)
     assert without[0] in told({"state": "ready", "caveats": without}, {})["safety"][2]
-    view, now_ns = heard(0.1)
-    view.newest.slave = slave_state(caveats=without)
+    view, now_ns = viewed(0.1)
+    view.newest.slave = usual(SLAVE_STATE, caveats=without)
     assert without[0] in panels.counted(view, now_ns)
 
 
 def test_counters_by_what_they_mean() -> None:
-    view, now_ns = heard(0.1)
+    view, now_ns = viewed(0.1)
     slave = {"refused_late": 7, "refused_sequence": 3, "refused_session": 2, "steps": 9, "zero": 0}
-    view.newest.slave = slave_state(counters=slave)
-    view.newest.master = master_state(counters={"forces_reordered": 2, "forces_dropped": 4})
+    view.newest.slave = usual(SLAVE_STATE, counters=slave)
+    view.newest.master = usual(MASTER_STATE, counters={"forces_reordered": 2, "forces_dropped": 4})
     said = "7 late · 5 reordered · 4 lost · 7 refused"
     assert panels.counted(view, now_ns, {"malformed": 5}) == said
     assert panels.counted(view, now_ns + S).endswith("· slave not heard now · master not heard now")
 
 
 def test_figures_are_those_of_the_messages() -> None:
-    view, now_ns = heard(3.0)
+    view, now_ns = viewed(3.0)
     assert view.newest.haptics is not None
     found = panels.numbers(view, now_ns)
     assert found["felt"] == f"{view.newest.haptics.rendered_n:.3f}"
@@ -102,7 +103,7 @@ def test_figures_are_those_of_the_messages() -> None:
 
 
 def test_the_delay_is_that_of_the_last_minute() -> None:
-    view, now_ns = heard(2.0)
+    view, now_ns = viewed(2.0)
     found = panels.delay(view, now_ns)
     assert "300" in found["words"]
     assert sum(found["counts"]) == len(view.delays.rows())
@@ -111,19 +112,19 @@ def test_the_delay_is_that_of_the_last_minute() -> None:
 
 
 def test_what_is_known_of_the_model() -> None:
-    view, now_ns = heard(1.0)
+    view, now_ns = viewed(1.0)
     found = panels.model(view, now_ns)
     assert found["parameters"][0] == {
         "name": "stiffness", "value": "12", "deviation": "0.3", "unit": "N/m", "known": "well",
     }  # fmt: skip
     assert found["parameters"][1]["known"] == "not yet"
     assert found["friction"] == {"valve_mn": pytest.approx(80.0)}
-    view.newest.model = parameters(valid=False, identifiable=(HOSTILE,))
+    view.newest.model = usual(PARAMETERS, valid=False, identifiable=(HOSTILE,))
     assert panels.model(view, now_ns)["statements"][1:] == [HOSTILE]
 
 
 def test_energy_below_zero_is_said() -> None:
-    view, now_ns = heard(0.1)
+    view, now_ns = viewed(0.1)
     assert panels.energy(view, now_ns)["level"] == "good"
     assert panels.energy(view, now_ns + S)["words"] == "no hand heard"
     assert view.newest.haptics is not None
@@ -132,22 +133,22 @@ def test_energy_below_zero_is_said() -> None:
 
 
 def test_a_loop_that_misses_ticks_is_said() -> None:
-    view, now_ns = heard(0.1)
+    view, now_ns = viewed(0.1)
     view.newest.heard_ns |= {MASTER_TIMING.name: now_ns, SLAVE_TIMING.name: now_ns}
-    view.newest.timings = {"master": timing(), "slave": timing(missed=9_000)}
+    view.newest.timings = {"master": usual(MASTER_TIMING), "slave": usual(MASTER_TIMING, missed=9_000)}
     assert [loop["word"] for loop in panels.loops(view, now_ns)] == ["on time", "misses"]
     assert {loop["word"] for loop in panels.loops(view, now_ns + 4 * S)} == {"not heard"}
 
 
 def test_gain_is_error_in_place_of_late_error() -> None:
-    view, now_ns = heard(3.0)
+    view, now_ns = viewed(3.0)
     assert panels.gain(view, now_ns)["head"] == "300 ms ahead: error 0.0 mN in place of 132"
-    for unjudged, at_ns in ((view, now_ns + 30 * S), heard(0.5)):
+    for unjudged, at_ns in ((view, now_ns + 30 * S), viewed(0.5)):
         assert panels.gain(unjudged, at_ns)["head"] == "not judged yet"
 
 
 def test_watch_says_since_when_the_model_is_wrong() -> None:
-    view, now_ns = heard(3.0)
+    view, now_ns = viewed(3.0)
     assert panels.watch(view, now_ns)["level"] == "good"
     assert panels.watch(view, now_ns + 3 * S)["word"] == "nothing to judge by"
     view.watch.alarm = Alarm(view.timeline.now_s(now_ns) - 5.0, 3.2, 0.4)

@@ -12,7 +12,8 @@ from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.topics import FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
 from forefeel.dashboard.feed import Feed
 from forefeel.dashboard.sources import LEAD_S, ReplayClock
-from tests.unit.dashboard.said import AXIS, CELL, S, safety, talk
+from tests.messages import usual
+from tests.unit.dashboard.talk import AXIS, CELL, S, talk
 from tests.unit.recording_samples import force as other_force
 from tests.unit.recording_samples import put
 
@@ -27,7 +28,7 @@ def write(path: Path, seconds: int = 8, axis: str = AXIS) -> Path:
             for topic, message, heard_ns in talk(1000 * second, 1000 * second + 1000):
                 writer.write(topic.key(CELL, axis), encode(message), heard_ns)
             if second == 5:
-                writer.write(SAFETY_EVENT.key(CELL, axis), encode(safety()), START_NS + 5 * S + 1)
+                writer.write(SAFETY_EVENT.key(CELL, axis), encode(usual(SAFETY_EVENT)), START_NS + 5 * S + 1)
             writer.flush()
     return path
 
