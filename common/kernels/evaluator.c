@@ -43,8 +43,9 @@ void evaluator_receive(Evaluation *evaluation, const Reading *reading) {
     Forces *forces = &evaluation->forces;
     if (reading->stamp_s <= evaluation->newest_s)
         return;
+    double before = forces->known;
     int count = admit(forces, reading->stamp_s, reading->force_n);
-    if (forces->known == FIRST_FORCES) {  /* a force that was held before may be far out */
+    if (before < FIRST_FORCES && forces->known == FIRST_FORCES) {  /* what was held before may be far out */
         evaluation->held_n = forces->first_n;
         evaluation->newest_s = -INFINITY;
         evaluation->received = 0.0;
