@@ -60,6 +60,16 @@ def test_no_prediction_is_further_from_the_newest_force_than_the_reach() -> None
     assert learned_n > 0.1
 
 
+def test_a_force_that_is_none_right_after_the_third_changes_nothing() -> None:
+    evaluator = Evaluator()
+    for n, force_n in enumerate((1.0, 1.0, 2.0)):
+        evaluator.move(0.001 * n, 0.0, 0.0, 0.0)
+        evaluator.hear(0.001 * n, force_n)
+    before = evaluator.record.values.tobytes()
+    evaluator.hear(0.003, float("nan"))
+    assert evaluator.record.values.tobytes() == before
+
+
 def wall(factor: float) -> ContactModel:
     """The contact of the samples, as a diagnosis would have it, or a multiple of it."""
     spring = {"mass_kg": 0.0, "damping_n_s_m": 1.5 * factor, "stiffness_n_m": 60.0 * factor}
