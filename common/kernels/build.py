@@ -65,11 +65,8 @@ def build(target: Path) -> str:
     command = compiler()
     with TemporaryDirectory(dir=target.parent) as folder:
         library = Path(folder) / target.name
-        flags = [
-            *FLAGS,
-            f'-DSOURCES_SHA256="{sources_sha256(FOLDER)}"',
-            *shlex.split(os.getenv("CFLAGS", "")),
-        ]
+        sha256 = f'-DSOURCES_SHA256="{sources_sha256(FOLDER)}"'
+        flags = [*FLAGS, sha256, *shlex.split(os.getenv("CFLAGS", ""))]
         files = ["-o", str(library), str(FOLDER / "kernels.c"), "-lm"]
         caches = {"ZIG_GLOBAL_CACHE_DIR": folder, "ZIG_LOCAL_CACHE_DIR": folder}
         try:
@@ -77,7 +74,7 @@ def build(target: Path) -> str:
         except OSError as error:
             raise BuildError(f"{command[0]}: {error.strerror}: apt-get install gcc") from None
         except subprocess.CalledProcessError:
-            raise BuildError(f"{shlex.join(command)} failed; it needs libc6-dev") from None
+            raise BuildError(f"{command[0]} failed (no string.h: apt-get install libc6-dev)") from None
         library.replace(target)  # a process that runs keeps the library that it has loaded
     return shlex.join(command)
 
