@@ -28,7 +28,7 @@ _DEBIAN = {
     "cyclictest": "rt-tests",
 }  # fmt: skip
 _LIBRARIES = (
-    "eclipse-zenoh", "numpy", "numba", "pydantic", "mcap", "padasip", "filterpy", "statsmodels", "pysindy",
+    "eclipse-zenoh", "numpy", "pydantic", "mcap", "padasip", "filterpy", "statsmodels", "pysindy",
     "sysidentpy", "reservoirpy", "scikit-learn", "pyzmq", "grpcio", "paho-mqtt", "nats-py", "redis",
     "pyserial", "python-can", "canopen",
 )  # fmt: skip

@@ -38,7 +38,7 @@ static double quantile(const double *scores) {
 
 /* Half the width of the band over its scale; infinite before any error. */
 static double band_factor(const Band *band) {
-    /* exp2, not pow(2, .): numba made that of it, and the last bits of predictions follow */
+    /* not pow(2, .), whose last bits differ */
     return band->seen_s > 0.0 ? exp2(quantile(band->scores) + band->shift) : INFINITY;
 }
 
