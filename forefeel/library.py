@@ -24,20 +24,19 @@ from forefeel.common.events.text import shown_unit, units_of
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.loading import load, load_recording, recordings_in
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.diagnose import Diagnosed
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Evaluated, prepare
 from forefeel.diagnosis.evaluation.evaluate import evaluate as _evaluate
 from forefeel.diagnosis.verdict import Cause, VerdictName
-from forefeel.results.curves import Curves
 from forefeel.results.parallel import in_parallel
-from forefeel.results.task import answered
 from forefeel.results.verdict_text import headline
 from forefeel.simulate.motion import FollowedRecording, MotionPiece
 from forefeel.simulate.world import integrate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from forefeel.diagnosis.diagnose import Diagnosed
 
 __all__ = ["Cause", "Diagnosis", "Evaluation", "Model", "diagnose", "diagnose_folder", "evaluate"]
 
@@ -77,7 +76,7 @@ class Diagnosis:
     recording: Recording
     model: Model
     lines: tuple[str, ...]
-    details: Diagnosed
+    details: "Diagnosed"
 
     @property
     def verdict(self) -> VerdictName:
@@ -106,6 +105,8 @@ class Diagnosis:
             from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
         except ImportError as error:
             raise ConfigurationError("plot: needs matplotlib: pip install 'forefeel[plot]'") from error
+        from forefeel.results.curves import Curves  # noqa: PLC0415 - as in `diagnose`
+
         curves = Curves.of(self.details.analysis, None)
         t, rows = curves.t[curves.rows], curves.rows
         figure = Figure(figsize=(9.0, 5.0), layout="constrained")
@@ -139,6 +140,8 @@ def diagnose(
         RecordingError: it can not be diagnosed, or its units are not plausible.
     """
     given = None if model is None else load_model(Path(model))
+    from forefeel.results.task import answered  # noqa: PLC0415 - scipy: 85 MB that an evaluation does not need
+
     recordings = [_recording(source, force=True) for source in (recording, *beside)]
     with threadpool_limits(1):  # the arrays are small, and threads would wait
         answer = answered(recordings, given=given, as_is=as_is)

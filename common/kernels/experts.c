@@ -1,17 +1,7 @@
 /* Five experts, recursive least squares in information form; equations and table: ../estimation/experts.py. */
 
-/* a'b in eight sums, whose order is written here: the same bits from every compiler, and in wide registers, for
-   which a plain loop would need fast math. */
-static double dot(const double *a, const double *b, int count) {
-    double s[8] = {0.0}, rest = 0.0;
-    int k = 0;
-    for (; k + 8 <= count; k += 8)
-        for (int l = 0; l < 8; l++)
-            s[l] += a[k + l] * b[k + l];
-    for (; k < count; k++)
-        rest += a[k] * b[k];
-    return (((s[0] + s[4]) + (s[2] + s[6])) + ((s[1] + s[5]) + (s[3] + s[7]))) + rest;
-}
+/* Every sum here is in the order of its index, so that each compiler gives the same bits. Where a sum would be the
+   inner loop, which then could not use wide registers without fast math, all sums of a row grow side by side. */
 
 static const int BEGIN[] = {PAST, PAST, 0, 0, 1}, END[] = {STEP, ROW, STEP, COUNT, FIRST_RELAXATION};
 /* Moments by expert: 0 of f(t) - f(s), 1 of f - f0. */
@@ -55,12 +45,13 @@ static void clear_stop(double (*rows)[ROW], int count, int stop) {
 
 /* Sets every expert's force in N; held_n: f(s), level_n: f0; largest |y| so far of both levels. */
 static void predict_experts(double *experts_n, const double (*theta)[ROW], const double *row, double held_n,
-                                 double level_n, double largest_step_n, double largest_n) {
+                            double level_n, double largest_step_n, double largest_n) {
     const double STEP_REACH = 1.3, ODD_REACH = 2.0;
     for (int e = 0; e < EXPERTS; e++) {
         int shift = e == ODD ? STEP - 1 : 0;
-        int begin = BEGIN[e], end = END[e];
-        double change_n = dot(theta[e] + begin, row + shift + begin, end - begin);
+        double change_n = 0.0;
+        for (int j = BEGIN[e]; j < END[e]; j++)
+            change_n += theta[e][j] * row[shift + j];
         double reach_n = STEP_REACH * largest_step_n;
         if (LEVEL[e] == 1)
             reach_n = (e == ODD ? ODD_REACH : STEP_REACH) * largest_n;
@@ -69,9 +60,10 @@ static void predict_experts(double *experts_n, const double (*theta)[ROW], const
 }
 
 /* Fades R and both r by `keep`, and adds the row with weight h. */
-static void add(Learning *learning, const double *row, double step_n, double force_n, double h, double keep) {
+static void add(Learning *learning, const double *restrict row, double step_n, double force_n, double h,
+                double keep) {
     for (int i = 0; i < ROW; i++) {
-        double weighted = h * row[i], *information = learning->information[i];
+        double weighted = h * row[i], *restrict information = learning->information[i];
         learning->moments[0][i] = keep * learning->moments[0][i] + weighted * step_n;
         learning->moments[1][i] = keep * learning->moments[1][i] + weighted * force_n;
         for (int j = 0; j <= i; j++)
@@ -79,37 +71,45 @@ static void add(Learning *learning, const double *row, double step_n, double for
     }
 }
 
-/* Solves for theta of expert e, by the Cholesky factor of R + D within its range of u. */
-static void solve_expert(Learning *learning, int e) {
+/* What is added to R_ii for expert e: its ridge, and what rounding may have taken. */
+static double ridge(int e, int i, double size, double weight_s) {
     const double LEAST_STOP = 0.3, JITTER = 1e-10;
-    const double *moments = learning->moments[LEVEL[e]];
-    double *theta = learning->theta[e], *y = learning->solution;
+    double usual = size / weight_s;
+    if (FIRST_STOP <= i && i < FIRST_RELAXATION)  /* a new stop has hardly any history */
+        usual = most(usual, LEAST_STOP);
+    return RHO_S[e] * share(i) * usual + JITTER * size + TINY;
+}
+
+/* Solves for theta of expert e, by the Cholesky factor L of R + D within its range of u. Row i of `factor` has row
+   i of L up to the diagonal, and column i of L to the right of it: both are read in the order of memory. */
+static void solve_expert(Learning *learning, int e) {
     int begin = BEGIN[e], end = END[e];
+    double *theta = learning->theta[e], *y = learning->solution;
     for (int i = begin; i < end; i++) {
-        double *factor = learning->factor[i], size = learning->information[i][i];
-        for (int j = begin; j <= i; j++) {
-            const double *other = learning->factor[j];
-            double total = learning->information[i][j] - dot(factor + begin, other + begin, j - begin);
-            if (j < i) {
-                factor[j] = total / other[j];
-                continue;
-            }
-            double usual = size / learning->weight_s;
-            if (FIRST_STOP <= i && i < FIRST_RELAXATION)  /* a new stop has hardly any history */
-                usual = most(usual, LEAST_STOP);
-            total += RHO_S[e] * share(i) * usual + JITTER * size + TINY;
-            factor[i] = sqrt(most(total, 1e-14 * size + TINY));
+        double *restrict row = learning->factor[i], size = learning->information[i][i];
+        for (int j = begin; j <= i; j++)
+            row[j] = learning->information[i][j];
+        for (int j = begin; j < i; j++) {
+            double *restrict other = learning->factor[j], l = row[j] / other[j];
+            row[j] = other[i] = l;
+            for (int k = j + 1; k <= i; k++)
+                row[k] -= l * other[k];
         }
+        row[i] = sqrt(most(row[i] + ridge(e, i, size, learning->weight_s), 1e-14 * size + TINY));
     }
+    for (int i = begin; i < end; i++)
+        y[i] = learning->moments[LEVEL[e]][i];
     for (int i = begin; i < end; i++) {
-        const double *factor = learning->factor[i];
-        y[i] = (moments[i] - dot(factor + begin, y + begin, i - begin)) / factor[i];
+        const double *restrict column = learning->factor[i];
+        double solved = y[i] /= column[i];
+        for (int j = i + 1; j < end; j++)
+            y[j] -= column[j] * solved;
     }
     for (int i = end - 1; i >= begin; i--) {
-        y[i] /= learning->factor[i][i];
-        theta[i] = y[i];
+        const double *restrict row = learning->factor[i];
+        theta[i] = y[i] /= row[i];
         for (int j = begin; j < i; j++)
-            y[j] -= learning->factor[i][j] * y[i];
+            y[j] -= row[j] * theta[i];
     }
 }
 

@@ -1,6 +1,7 @@
 /* Inner kernels as the unit tests call them; inside, those are static, so that a compiler can merge them. */
 
-void test_learn_experts(Learning *learning, const double *row, double stamp_s, double step_n, double force_n, double h) {
+void test_learn_experts(Learning *learning, const double *row, double stamp_s, double step_n, double force_n,
+                        double h) {
     learn_experts(learning, row, stamp_s, step_n, force_n, h);
 }
 void test_solve(Learning *learning) { solve(learning); }
@@ -28,5 +29,7 @@ double test_band_factor(const Band *band) { return band_factor(band); }
 double test_band_scale_n(double recent_n, double spread_n2, double deviation_n, double range_n) {
     return band_scale_n(recent_n, spread_n2, deviation_n, range_n);
 }
-int test_changed(Change *change, double error_n, double range_n, double w) { return changed(change, error_n, range_n, w); }
+int test_changed(Change *change, double error_n, double range_n, double w) {
+    return changed(change, error_n, range_n, w);
+}
 long test_find(const Evaluation *evaluation, double stamp) { return find(&evaluation->bank, stamp); }
