@@ -54,7 +54,7 @@ class TestLoading:
         with pytest.raises(InputError, match="the kernels are older than their source: make demo"):
             library.kernels.__wrapped__()
 
-    def test_a_library_without_sources_is_loaded(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_without_sources_it_is_loaded(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(library, "FOLDER", tmp_path)
         assert library.kernels.__wrapped__().kernels_sources_sha256()
 
