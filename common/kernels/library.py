@@ -49,7 +49,7 @@ def kernels() -> ctypes.PyDLL:
         entry.restype, entry.argtypes = result, arguments
         setattr(library, name, entry)
     built_from = library.kernels_sources_sha256().decode()
-    # a wheel brings no sources
+    # without sources there is nothing that could be newer
     if any(FOLDER.glob("*.c")) and built_from != sources_sha256(FOLDER):
         raise InputError(f"{LIBRARY}: the kernels are older than their source: make demo")
     return library

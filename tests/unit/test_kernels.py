@@ -54,7 +54,7 @@ class TestLoading:
         with pytest.raises(InputError, match="the kernels are older than their source: make demo"):
             library.kernels.__wrapped__()
 
-    def test_a_wheel_brings_no_sources(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_a_library_without_sources(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(library, "FOLDER", tmp_path)
         assert library.kernels.__wrapped__().kernels_sources_sha256()
 
