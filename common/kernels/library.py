@@ -14,7 +14,6 @@ from forefeel.common.kernels.build import FOLDER, LIBRARY, sources_sha256
 
 _ADDRESS, _LONG, _DOUBLE = ctypes.c_void_p, ctypes.c_long, ctypes.c_double
 _ENTRIES: Mapping[str, tuple[Any, ...]] = {
-    "kernels_sources_sha256": (ctypes.c_char_p,),
     "kernels_record_size": (_LONG, ctypes.c_char_p),
     "evaluator_move": (None, _ADDRESS, _ADDRESS),
     "evaluator_receive": (None, _ADDRESS, _ADDRESS),
@@ -44,12 +43,13 @@ def kernels() -> ctypes.PyDLL:
         library = ctypes.PyDLL(str(LIBRARY))
     except OSError as error:
         raise InputError(f"the kernels can not be loaded: {error}: make demo") from error
+    library.kernels_sources_sha256.restype = ctypes.c_char_p
+    # without sources there is nothing that could be newer; an older library may lack an entry
+    built_from = library.kernels_sources_sha256().decode()
+    if any(FOLDER.glob("*.c")) and built_from != sources_sha256(FOLDER):
+        raise InputError(f"{LIBRARY}: the kernels are older than their source: make demo")
     for name, (result, *arguments) in _ENTRIES.items():
         entry = library[name]
         entry.restype, entry.argtypes = result, arguments
         setattr(library, name, entry)
-    built_from = library.kernels_sources_sha256().decode()
-    # without sources there is nothing that could be newer
-    if any(FOLDER.glob("*.c")) and built_from != sources_sha256(FOLDER):
-        raise InputError(f"{LIBRARY}: the kernels are older than their source: make demo")
     return library
