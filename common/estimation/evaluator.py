@@ -150,7 +150,8 @@ class Evaluator:
     """Predicts the contact force at the newest own motion, from the snapshot of a learner.
 
     The delay follows from the forces that arrive. Stamps are seconds on one clock, that of the own motion.
-    Before any snapshot every prediction is the newest force. One thread calls.
+    Before any snapshot every prediction is the newest force. One thread calls; a learner in another one reads
+    `moved_s` and the record.
 
     Attributes:
         record: of `Evaluation`.
