@@ -47,7 +47,7 @@ def stuck(velocity: Array) -> Array:
 
 @pytest.mark.parametrize("population", Population)
 def test_every_population_has_recordings(population: Population) -> None:
-    made = draw(population, 0)
+    made = draw(population, 1)
     assert all(np.all(np.isfinite(column)) for column in (made.time_s, made.position_m, made.force_n))
 
 
