@@ -3,12 +3,12 @@ constants that Python and C share, which are Python's.
 """
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, get_origin, get_type_hints
 
 from forefeel.common.estimation import band, bank, blend, experts, forces, learner, state_filter
 from forefeel.common.estimation.evaluator import Evaluation, Learned, OwnMotion, Predicted, Reading
 from forefeel.common.estimation.learner import Knowledge
 from forefeel.common.kernels.build import FOLDER
+from forefeel.common.kernels.record import members
 
 PATH = FOLDER / "state.h"
 _RECORDS = Evaluation, Learned, Knowledge, OwnMotion, Reading, Predicted
@@ -75,16 +75,14 @@ def _structs() -> dict[str, str]:
     structs: dict[str, str] = {}
 
     def add(of: type) -> None:
-        members = []
-        for name, hint in get_type_hints(of, include_extras=True).items():
-            if hint is float:
-                members.append(f"    double {name};")
-            elif get_origin(hint) is Annotated:
-                members.append(f"    double {name}" + "".join(f"[{n}]" for n in hint.__metadata__) + ";")
+        lines = []
+        for name, kind in members(of):
+            if isinstance(kind, type):
+                add(kind)
+                lines.append(f"    {kind.__name__} {name};")
             else:
-                add(hint)
-                members.append(f"    {hint.__name__} {name};")
-        structs.setdefault(of.__name__, "\n".join(members))
+                lines.append(f"    double {name}{''.join(f'[{n}]' for n in kind)};")
+        structs.setdefault(of.__name__, "\n".join(lines))
 
     for record in _RECORDS:
         add(record)

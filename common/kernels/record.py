@@ -5,10 +5,10 @@ A Protocol declares it. Its members are numbers, arrays (`Annotated[Array, *shap
 """
 
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache, partial
 from struct import Struct
-from typing import Annotated, Any, get_origin, get_type_hints
+from typing import Annotated, get_origin, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,22 +16,22 @@ from numpy.typing import NDArray
 from forefeel.common.kernels.library import kernels
 
 Array = NDArray[np.float64]
-Field = tuple[str, Any] | tuple[str, Any, tuple[int, ...]]
+Shape = tuple[int, ...]
+
+
+def members(of: type) -> Iterator[tuple[str, Shape | type]]:
+    """Yields name and shape of each member of a Protocol, () of a number; of a record its Protocol."""
+    for name, hint in get_type_hints(of, include_extras=True).items():
+        yield name, () if hint is float else hint.__metadata__ if get_origin(hint) is Annotated else hint
 
 
 def dtype(of: type) -> np.dtype[np.void]:
     """Type of the record of a Protocol."""
-    return np.dtype(
-        [_field(name, hint) for name, hint in get_type_hints(of, include_extras=True).items()], align=True
-    )
-
-
-def _field(name: str, hint: Any) -> Field:  # noqa: ANN401 - a type hint
-    if hint is float:
-        return name, np.float64
-    if get_origin(hint) is Annotated:
-        return name, np.float64, hint.__metadata__
-    return name, dtype(hint)
+    fields = [
+        (name, dtype(kind)) if isinstance(kind, type) else (name, np.float64, kind)
+        for name, kind in members(of)
+    ]
+    return np.dtype(fields, align=True)
 
 
 @cache
