@@ -82,7 +82,7 @@ class LateStage:
     carried_s = CARRIED_S
 
     def __init__(self, lag_s: float) -> None:
-        self.lag_s, self._lag_ns = lag_s, round(lag_s * 1e9)
+        self._lag_ns = round(lag_s * 1e9)
         self.blind_ns = max(KnownServo.blind_ns, self._lag_ns)
         self._sent: deque[tuple[int, float, float]] = deque()
 
@@ -114,19 +114,21 @@ class LateStage:
 class FollowingWatch:
     """Compares each readback with where a healthy stage may be; after a hold it has to come to rest.
 
+    Args:
+        lag: identified from the readbacks, where the settings do no more than bound it.
+
     Attributes:
         at_rest: whether the stage itself rests.
         deviation_m: of the newest readback from where the stage may be; 0 while it is told to hold.
         strayed: whether that is a fault.
-        reaction_s: `stage_s` and `run_on_s` of `Reaction`, as measured from the readbacks; None: not yet.
+        reaction_s: `stage_s` and `run_on_s` of `Reaction`, by `lag`; None without it, and until it is known.
 
     By (S1) a servo with velocity feed-forward has T1 = 0, T2 = -1 / w^2, one without T1 = 1 / w: late by T1,
     by 0.5 / w under acceleration, and overshoots by v / e w (`SlaveAxisSettings.reaction`).
     """
 
-    def __init__(self, expected: KnownServo | LateStage) -> None:
-        self._expected = expected
-        self._lag = StageLag(expected.lag_s) if isinstance(expected, LateStage) else None
+    def __init__(self, expected: KnownServo | LateStage, lag: StageLag | None = None) -> None:
+        self._expected, self._lag = expected, lag
         self._holds = True
         self._read_ns = self._moved_ns = self._settled_ns = 0
         self._anchor_m = self._read_m = self.deviation_m = 0.0
@@ -183,4 +185,5 @@ def following_watch(settings: SlaveAxisSettings) -> FollowingWatch:
     if settings.stage.driver == "simulated":
         stage = settings.simulation.stage
         return FollowingWatch(KnownServo(stage.bandwidth_hz, stage.acceleration_limit_m_s2))
-    return FollowingWatch(LateStage(settings.stage.lag_s))
+    lag_s = settings.stage.lag_s
+    return FollowingWatch(LateStage(lag_s), StageLag(lag_s))

@@ -7,6 +7,7 @@ from math import cos, pi
 import pytest
 
 from forefeel.common.errors import DeviceError
+from forefeel.common.estimation.stage_lag import StageLag
 from forefeel.common.limiter import MotionLimiter
 from forefeel.common.settings import AxisLimits
 from forefeel.devices.cia402.driver import Cia402Stage
@@ -41,7 +42,8 @@ def test_emulated_stage_is_believed_until_it_is_stuck(
     """Strokes, and steps that the limiter turns into 0.2 m/s and 8 m/s2; CiA 402 at 50 Hz."""
     with opened() as (time, stage, provoke):
         start_ns = time.now_ns() // MS * MS
-        limiter, watch = MotionLimiter(AxisLimits(), 4.0), FollowingWatch(LateStage(LAG_S))
+        limiter = MotionLimiter(AxisLimits(), 4.0)
+        watch = FollowingWatch(LateStage(LAG_S), StageLag(LAG_S))
         limiter.place(stage.read(start_ns).position_m)
         faults = list[int]()
 

@@ -5,6 +5,7 @@ from math import cos, e, pi
 
 import pytest
 
+from forefeel.common.estimation.stage_lag import StageLag
 from forefeel.common.limiter import MotionLimiter
 from forefeel.common.settings import AxisLimits
 from forefeel.slave.following import DEVIATION_M, FollowingWatch, KnownServo, LateStage
@@ -16,7 +17,6 @@ MS = 1_000_000
 HZ, LIMIT_M_S2, LAG_S = 25.0, 20.0, 0.1
 Expected = Callable[[], KnownServo | LateStage]
 EXPECTED: list[Expected] = [lambda: KnownServo(HZ, LIMIT_M_S2), lambda: LateStage(LAG_S)]
-Asked = Callable[[float], float]
 Liar = Callable[[int, float, float], float]
 """(ms, where it would be, where it was before) -> where it is, in m."""
 
@@ -116,7 +116,7 @@ def test_lying_stage_is_a_fault_in_time(expected: Expected, late_ms: float, liar
 @pytest.mark.parametrize("share", [0.2, 1.0])
 def test_reaction_of_a_stage_is_measured_in_its_first_second_of_motion(hz: float, share: float) -> None:
     """Of a servo as its settings would say, not as the bound of the readback does."""
-    bench = Bench(FollowingWatch(LateStage(LAG_S)), lambda t: share * reach_m(t), hz=hz)
+    bench = Bench(FollowingWatch(LateStage(LAG_S), StageLag(LAG_S)), lambda t: share * reach_m(t), hz=hz)
     measured = [bench.watch.reaction_s for _ in range(1500) if bench.tick() is None]
     assert measured[800] is None and measured[-1] is not None
     w = 2 * pi * hz
@@ -126,7 +126,7 @@ def test_reaction_of_a_stage_is_measured_in_its_first_second_of_motion(hz: float
 
 @pytest.mark.parametrize("late_ms", [20, 50, 100])
 def test_reaction_of_a_late_readback_is_no_shorter_than_its_lateness(late_ms: int) -> None:
-    watch, sent_m = FollowingWatch(LateStage(0.2)), [0.0] * late_ms
+    watch, sent_m = FollowingWatch(LateStage(0.2), StageLag(0.2)), [0.0] * late_ms
     for ms in range(1500):
         sent_m.append(0.2 * reach_m(ms * 1e-3))
         watch.read(StageReading(sent_m[ms], 0.0), ms * MS)
