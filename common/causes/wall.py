@@ -27,7 +27,7 @@ class MassDamperSpring(ForceEffect):
     parameters = (
         Parameter("mass_kg", "kg", 0.01, 0.0, 1e4),
         Parameter("damping_n_s_m", "N s/m", 0.1, 0.0, 1e6),
-        Parameter("stiffness_n_m", "N/m", 1.0, 0.0, 1e9, explains=1.0),
+        Parameter("stiffness_n_m", "N/m", 1.0, -1e9, 1e9, explains=1.0),
     )
     reference = (
         "Study on Contact Force Prediction for the Vascular Interventional Surgical Robot "

@@ -23,9 +23,11 @@ _SLOW = 0.05  # of the speed's power: half of the frequency below which it lies 
 _STEEP = 8  # power of the high-pass, fourth order forwards and backwards
 _PRESLIDING = 0.01, 0.05, 0.2  # of the stroke
 _RELAXING_S = 0.1, 1.0, 10.0
+_LATE_S = 0.02, 0.06, 0.2
 _HEAVIEST_KG = 1e3
 """On a bench: a mass that would have to be more is how a sine shows a spring of the other direction."""
 _TRUSTED, _CLEAR = 0.3, 0.05  # explained in the band, and by how much one direction explains more
+_MUCH_LESS = 0.7  # of what a spring that resists leaves: what one that pushes away then leaves
 _SEEN = 0.25  # of what mass, damper and spring leave: a family that takes less is not seen
 
 
@@ -37,24 +39,38 @@ def look(signals: Signals, motion: MotionGrid) -> Look:
     columns = _columns(signals, motion)
     slow_hz, gain = _high_pass(signals)
     whole, band = _Band(signals, columns, 1.0), _Band(signals, columns, gain)
-    dry = ("base", "friction")
-    shares = {sense: band.explained(dry, sense) for sense in (1.0, -1.0)}
-    if max(shares.values()) < _TRUSTED or abs(shares[1.0] - shares[-1.0]) < _CLEAR:
-        shares = {sense: whole.explained(dry, sense) for sense in shares}
-    sense = max(shares, key=lambda direction: shares[direction])
+    sense, away = _direction(band, whole)
+    plain = ("base", "away") if away else ("base",)
     springs, best = [], -np.inf
     family: Family | None = None
     most = _SEEN
     for part in (whole, band):
-        spring = part.explained(("base",), sense)
+        spring = part.explained(plain, sense)
         springs.append(spring)
         for name in FAMILIES:
-            share = part.explained(("base", name), sense)
+            share = part.explained((*plain, name), sense)
             best, taken = max(best, share), 1.0 - (1.0 - share) / max(1.0 - spring, 1e-300)
             if taken > most:
                 family, most = name, taken
-        best = max(best, part.explained(tuple(columns), sense))
-    return Look(sense, slow_hz, springs[0], springs[1], best, family)
+        best = max(best, part.explained((*plain, *FAMILIES), sense))
+    return Look(sense, slow_hz, springs[0], springs[1], best, family, away)
+
+
+def _direction(band: "_Band", whole: "_Band") -> tuple[float, bool]:
+    """(sense, True if the spring pushes away): by what dissipates where such a spring (a weight that stands
+    upright, a magnet) leaves clearly less than any spring that resists, at once or late; else by all.
+    """
+    for part in (band, whole):
+        resisting, late, either = (
+            {sense: part.explained((*columns, "friction"), sense) for sense in (1.0, -1.0)}
+            for columns in (("base",), ("base", "late"), ("base", "away"))
+        )
+        left = 1.0 - max(late.values())  # a late spring turns the work of a cycle, too
+        away = 1.0 - max(either.values()) < _MUCH_LESS * left
+        shares = either if away else resisting
+        if max(shares.values()) >= _TRUSTED and abs(shares[1.0] - shares[-1.0]) >= _CLEAR:
+            break
+    return max(shares, key=lambda sense: shares[sense]), away
 
 
 def strokes(signals: Signals, motion: MotionGrid, look: Look) -> tuple[Floats, Floats, dict[str, Floats]]:
@@ -65,7 +81,8 @@ def strokes(signals: Signals, motion: MotionGrid, look: Look) -> tuple[Floats, F
     columns, gain = _columns(signals, motion), _high_pass(signals)[1]
     band, family, sense = _Band(signals, columns, gain), look.family, look.sense
     beside = FAMILIES if family is None else (family,)
-    families = {"mass, damper, spring": ("base",), f"with {family or 'all three'}": ("base", *beside)}
+    plain = ("base", "away") if look.pushes_away else ("base",)
+    families = {"mass, damper, spring": plain, f"with {family or 'all three'}": (*plain, *beside)}
     position = signals.column(signals.linear_spectrum(0) * gain)[signals.rows]
     return position, band.force, {name: band.predicted(used, sense) for name, used in families.items()}
 
@@ -112,8 +129,9 @@ def explained_share(force: Floats, predicted: Floats) -> float:
 
 
 def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
-    """Spectra of the regressions' columns by family: "friction", "relaxation", "stiffening", and "base" for
-    mass, damper, spring, without the mass where 1000 kg would make less than the force.
+    """Spectra of the regressions' columns by family: "friction", "relaxation", "stiffening", "base" for mass,
+    damper, spring, without the mass where 1000 kg would make less than the force, "away" for a spring below 0
+    and "late" for one that answers later.
     """
     low, high = np.quantile(motion.x, (0.05, 0.95))
     depth = (motion.x - 0.5 * (low + high)) / max(high - low, 1e-300)
@@ -128,6 +146,8 @@ def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
     settled = (motion.through(SettledLag().step, motion.x, decay) for decay in decays)  # of Maxwell branches
     return {
         "base": base,
+        "away": [-base[-1]],
+        "late": [base[-1] * np.exp(-1j * signals.omega * late_s) for late_s in _LATE_S],
         "friction": [signals.spectrum(column) for column in dry],
         "relaxation": [signals.spectrum(motion.x - lagging) for lagging in settled],
         "stiffening": [signals.spectrum(sign * depth**power) for power in (2, 3) for sign in (1.0, -1.0)],

@@ -213,15 +213,15 @@ class RecordingRegression:
         self._products: dict[tuple[int, int], Floats] = {}
 
     def fit(self, model: Model) -> ModelFit:
-        """Least-squares fit, whitened, at the model's shapes: mass, damping and stiffness have the force's
-        sense or are 0. Causes of a wrong sign only make it not `feasible`. Columns and inner products are
+        """Least-squares fit, whitened, at the model's shapes: mass and damping have the force's sense or are 0;
+        stiffness, too, unless `look` sees that it pushes away. Causes of a wrong sign only make it not `feasible`. Columns and inner products are
         remembered.
         """
         blocks = self._blocks(model)
         named = zip(["", *model], blocks, strict=True)
         owners = tuple(name for name, block in named for _ in range(block.columns.shape[1]))
         gram, moment = self._normal(blocks)
-        coefficients, explained = solve_passive(gram, moment, self.sense, len(BASE))
+        coefficients, explained = solve_passive(gram, moment, self.sense, len(BASE) - self.look.pushes_away)
         rss = self._power - explained
         if rss < _CANCELLED * self._power:
             used = coefficients != 0.0

@@ -139,6 +139,7 @@ class Look:
         spring, spring_in_band: explained by mass, damper and spring, in the whole band and above `slow_hz`.
         explained: by the best of the families, in the better band.
         family: which takes most of what mass, damper and spring leave; None where none takes a quarter.
+        pushes_away: whether the spring may be negative (a weight that stands upright, a magnet).
     """
 
     sense: float
@@ -147,6 +148,7 @@ class Look:
     spring_in_band: float
     explained: float
     family: Family | None
+    pushes_away: bool = False
 
 
 @dataclass(frozen=True, slots=True)
