@@ -1,6 +1,7 @@
 """Weighs an analysis: what is named, and with how much trust."""
 
 from collections.abc import Container, Iterable, Iterator
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +13,7 @@ from forefeel.common.causes.registry import effect_class
 from forefeel.common.causes.sensor import SensorLag, SensorQuantisation
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.analysis import Analysis
+from forefeel.diagnosis.follows import Leftover
 from forefeel.diagnosis.identifiability import (
     GENERAL_MOTION,
     NOISE_TELLING_MOTION,
@@ -23,14 +25,9 @@ from forefeel.diagnosis.identifiability import (
     turns,
 )
 from forefeel.diagnosis.regression import BASE, ModelFit
-from forefeel.diagnosis.residual import (
-    excess_share,
-    flexible_gain,
-    modulation_gain,
-    predictable_share,
-)
+from forefeel.diagnosis.residual import excess_share, predictable_share
 from forefeel.diagnosis.uncertainty import gain, held_out_errors, intervals, significant
-from forefeel.diagnosis.verdict import Cause, Diagnosis, HeldOut, ModelError, VerdictName
+from forefeel.diagnosis.verdict import NAMING, Cause, Diagnosis, HeldOut, ModelError, VerdictName
 
 _WIDEST = 20.0  # of a size, width of an interval beyond which the recording does not tell it
 _RIVAL = 6.0
@@ -43,19 +40,23 @@ _SLOWEST_CELL_S = 0.1  # a quarter of the time in which an HX711 settles at 10 s
 SLOW = "slow_force"
 _FORETOLD = 0.3
 _STRUCTURE = 0.135
-_FLEXIBLE = 0.1
+_FLEXIBLE = 0.15  # lower end of the held-out gain of a function of one variable that shows structure
+_FORETOLD_UNKNOWN, _OF_FORCE_UNKNOWN = (
+    0.5,
+    0.03,
+)  # of the variance, of the force: the same where the noise is unknown
 _OF_FORCE = 0.02
 # of the variance that m, b, k and a bias leave, which the causes leave, too: then it has to be noise
 _MUCH_LEFT = 0.2
 _KNOWN_SLOPE = 1.0  # of noise: a steeper one is bounded from above only
 _STROKES = 4  # reversals on each side of a change,
 _NEARLY_ALL = 0.9  # or the lower end of its held-out gain
-# share of the force's variance that is little to be left, where the causes gain that much
-_LITTLE_LEFT, _CLEAR_GAIN = 0.006, 0.2
-_ALIKE = 1.3  # ratio of two sizes: what a cause may take over of what stands beside it
+_CLEAR_GAIN = 0.1  # lower end of the held-out gain that a cause needs beside structure that has no name
+_AS_MUCH = 1.15  # times what the best function of one variable leaves, that causes may leave beside structure
+_TIMES_THE_NOISE = 3.0  # more is left than a simulation that is complete leaves
 _REMEMBERED = 0.2  # share that the past foretells of what is no noise; first-order noise of 5 Hz leaves 0.08
 # share of the force's variance that the motion explains, above which nobody doubts that it drives the force
-_DRIVEN = 0.9
+_DRIVEN = 0.6
 _MUCH_LESS = 0.25  # of what the motion leaves unexplained: what the own past then leaves
 _AHEAD_S = 0.2  # s by which the force's own past has to foretell it: longer than any contact rings
 _KNOWN = 0.3  # least share that it has to foretell, to say that something else drives the force
@@ -65,29 +66,28 @@ Less = tuple[VerdictName, str | None, tuple[tuple[str, ...], ...]]
 
 
 def judged(analysis: Analysis) -> tuple[Diagnosis, Analysis]:
-    """Drops doubted causes one at a time, searching on without each, until none is doubted; returns the
-    diagnosis and the analysis of the rest. If that rest is `slow`, the simulation alone is judged.
+    """Drops doubted causes one at a time, searching on without each, until none is doubted; beside structure
+    that has no name also those that are not clear, without a search. Returns the diagnosis and the analysis
+    of the rest. If that rest is `slow`, the simulation alone is judged.
     """
-    largest_rejected: Judge | None = None
     while True:
-        judge = Judge(analysis, largest_rejected)
-        doubted = judge.doubted()
-        if doubted is None and judge.slow:
-            analysis = analysis.baseline()
-            judge = Judge(analysis)
-        if doubted is None:
+        judge = Judge(analysis)
+        doubted, unclear = judge.doubted(), judge.unclear()
+        if doubted is not None:
+            analysis = analysis.without(doubted)
+        elif judge.slow:
+            return Judge(analysis.baseline()).diagnosis(), analysis.baseline()
+        elif unclear is not None:
+            analysis = replace(analysis, fit=judge.without[unclear][0])
+        else:
             return judge.diagnosis(), analysis
-        analysis, largest_rejected = analysis.without(doubted), largest_rejected or judge
 
 
 class Judge:
-    """Weighs one analysis.
+    """Weighs one analysis."""
 
-    `largest_rejected`: of the same recording, before causes were dropped that can not be believed.
-    """
-
-    def __init__(self, analysis: Analysis, largest_rejected: "Judge | None" = None) -> None:
-        self.analysis, self.largest_rejected = analysis, largest_rejected
+    def __init__(self, analysis: Analysis) -> None:
+        self.analysis = analysis
         self.regression, self.search, self.fit = analysis.regression, analysis.search, analysis.fit
         self.faults = analysis.faults
         self.base = analysis.base
@@ -100,19 +100,26 @@ class Judge:
         self.force_n = float(np.std(self.regression.signals.force[self.regression.signals.rows]))
 
     def diagnosis(self) -> Diagnosis:
-        """Diagnosis: a verdict of `_inexplicable` if there is one; else `cause_found` if the fit has a cause
-        (or a bias) or the sensor a fault; else `nothing_missing`, or `nothing_found` where the noise floor is
-        unknown.
+        """Diagnosis: a verdict of `_inexplicable` if there is one. Where the fit has a cause (or a bias), or
+        the sensor a fault, `cause_found`, or `partly_explained` beside structure or more than three times the
+        noise; else `nothing_missing`, or `nothing_found` where the noise floor is unknown.
         """
         names = {base_name(name) for name in self.fit.model} | {fault.name for fault in self.faults}
         less = self._inexplicable()
         if less is not None:
             return self._diagnosis(*less, suspected=names)
         if self.fit.model or self.faults:
-            return self._diagnosis("cause_found", suspected=names)
+            much = self.floor_n is not None and self.residual_n > _TIMES_THE_NOISE * self.floor_n
+            partly = self._causes_of_model and (self._structure_left or much)
+            return self._diagnosis("partly_explained" if partly else "cause_found", suspected=names)
         if self.floor_n is None:
             return self._diagnosis("nothing_found", NOISE_TELLING_MOTION)
         return self._diagnosis("nothing_missing")
+
+    @property
+    def _causes_of_model(self) -> list[str]:
+        """Causes of the fit; a bias is none."""
+        return [name for name in self.fit.model if name != "bias"]
 
     @cached_property
     def _kind(self) -> MotionKind:
@@ -121,14 +128,13 @@ class Judge:
     @cached_property
     def _largest(self) -> str | None:
         """The cause without which most is left; the bias is none."""
-        causes = [name for name in self.fit.model if name != "bias"]
-        return max(causes, key=lambda name: self._without[name][1].rmse_before_n, default=None)
+        return max(self._causes_of_model, key=lambda name: self.without[name][1].rmse_before_n, default=None)
 
     def _inexplicable(self) -> Less | None:
         """Verdict that names no cause, with the motion to record next and the rivals; None where causes may
         be named. In turn: `not_separable` at constant speed; `unexplained` if `slow`;
-        `not_driven_by_this_axis`; `unexplained` if structure is left that matters; `not_separable` with
-        rivals.
+        `not_driven_by_this_axis`; `unexplained` if structure is left beside which the causes do not stand;
+        `not_separable` with rivals.
         """
         if self._kind == "constant_speed":
             return "not_separable", GENERAL_MOTION, (RIVALS_AT_CONSTANT_SPEED,)
@@ -136,7 +142,7 @@ class Judge:
             return "unexplained", None, ()
         if self._not_driven():
             return "not_driven_by_this_axis", None, ()
-        if self._structure_left() and not (self._agrees_with_rejected() or self._explains_nearly_all()):
+        if self._structure_left and not self._stand():
             return "unexplained", GENERAL_MOTION, ()
         groups = self._groups
         if groups:
@@ -156,13 +162,15 @@ class Judge:
             return (RIVALS_AT_ONE_SPEED,)
         return self._rival_groups()
 
-    def _explains_nearly_all(self) -> bool:
-        """True if the causes clearly gain and leave under 0.6 % of the force's variance, without rivals:
-        structure in so little says nothing against the model.
+    def _stand(self) -> bool:
+        """True if the causes stand beside structure that has no name: they gain clearly, have no rivals, and
+        leave hardly more than the best function of any one variable would in their place: what such a
+        function explains far better is something else.
         """
-        if self._largest is None or self._pulses_with_depth or self.held_out.gain_low < _CLEAR_GAIN:
+        if not self._causes_of_model or self.held_out.gain_low < _CLEAR_GAIN or self._groups:
             return False
-        return self.residual_n**2 < _LITTLE_LEFT * self.force_n**2 and not self._groups
+        left = (1.0 - self.held_out.gain) ** 2
+        return left < _AS_MUCH * (1.0 - Leftover(self.regression, self.base).largest_share())
 
     @cached_property
     def slow(self) -> bool:
@@ -186,49 +194,31 @@ class Judge:
         foretold = predictable_share(self.regression, self.regression.signals.force, _AHEAD_S)
         return foretold > _KNOWN and 1.0 - foretold < _MUCH_LESS * (1.0 - explained)
 
+    @cached_property
     def _structure_left(self) -> bool:
-        """True if pulses grow with the depth, if the causes leave over 20 % of the variance that mass,
-        damper, spring and a bias leave and it may not be noise, or if much of that is structure. Always False
-        with a quantised sensor.
+        """True if the causes leave over 20 % of the variance that mass, damper, spring and a bias leave, and
+        that may not be noise, or if much of it is structure. Always False with a quantised sensor.
         """
         if any(fault.name == SensorQuantisation.name for fault in self.faults):
             return False
-        if self._pulses_with_depth:
-            return True
         plain = self.regression.residual(self.base)[self.regression.rows]
         left = float(np.mean(self.after**2)) / float(np.mean(plain**2))
-        if set(self.fit.model) - {"bias"} and left > _MUCH_LEFT and not self._may_be_noise():
+        if self._causes_of_model and left > _MUCH_LEFT and not self._may_be_noise():
             return True
         return self._structured_share() * left > _STRUCTURE
 
-    @cached_property
-    def _pulses_with_depth(self) -> bool:
-        pulsing = modulation_gain(self.regression, self.fit)
-        return pulsing is not None and pulsing.gain > 2.0 * _FLEXIBLE and pulsing.gain_low > _FLEXIBLE
-
-    def _agrees_with_rejected(self) -> bool:
-        """True if `largest_rejected`, with at most one cause more, leaves no structure and gives each cause
-        of this fit a size alike within a factor of 1.3. False without it or without causes but a bias.
-        """
-        causes = set(self.fit.model) - {"bias"}
-        if self.largest_rejected is None or not causes or self.largest_rejected._structure_left():
-            return False
-        if len(self.largest_rejected.fit.model) > len(self.fit.model) + 1:
-            return False
-        return all(self._same_size(name, self.largest_rejected) for name in causes)
-
-    def _same_size(self, name: str, other: "Judge") -> bool:
-        """True if one size of a cause is the same within a factor of 1.3 in both models."""
-        ours, theirs = self.parameters[base_name(name)], other.parameters.get(base_name(name), {})
-        sizes = [(ours[s].value, theirs[s].value) for s in CANDIDATES[name].needed if s in theirs]
-        return any(a * b > 0.0 and 1.0 / _ALIKE < a / b < _ALIKE for a, b in sizes)
+    @property
+    def _noise_is_known(self) -> bool:
+        floor = self.analysis.floor
+        return floor is not None and floor.slope <= _KNOWN_SLOPE
 
     def _may_be_noise(self) -> bool:
         """True if the noise floor is known; where it is not, if what is left forgets itself as noise does."""
-        floor = self.analysis.floor
-        if floor is not None and floor.slope <= _KNOWN_SLOPE:
-            return True
-        return self._predicted_share < _REMEMBERED
+        return self._noise_is_known or self._predicted_share < _REMEMBERED
+
+    @cached_property
+    def _left_over(self) -> Leftover:
+        return Leftover(self.regression, self.fit)
 
     @cached_property
     def _residual(self) -> Floats:
@@ -240,17 +230,17 @@ class Judge:
         return predictable_share(self.regression, self._residual)
 
     def _structured_share(self) -> float:
-        """Share of the residual's variance that is no noise: the largest of what its own past predicts (only
-        beside a white noise floor), what flexible columns explain, and what exceeds a known floor; 0 if none
-        is clear.
+        """Share of the residual's variance that is no noise: the largest of what its own past predicts (next
+        to a white noise floor; next to an unknown one where it is most of 3 % of the force or more), what a
+        function of one variable explains, and what exceeds a known floor; 0 if none is clear.
         """
-        floor = self.analysis.floor
-        shares = [0.0]
-        if floor is not None and floor.slope == 0.0:  # else the noise itself has a memory
-            shares = [self._predicted_share if self._predicted_share > _FORETOLD else 0.0]
-        flexible = flexible_gain(self.regression, self.fit)
-        if flexible.gain_low > _FLEXIBLE and flexible.gain > 2.0 * _FLEXIBLE:
-            shares.append(1.0 - (1.0 - flexible.gain) ** 2)
+        floor, foretold = self.analysis.floor, self._predicted_share
+        shares = [self._left_over.largest_share(_FLEXIBLE)]
+        matters = self.residual_n > _OF_FORCE_UNKNOWN * self.force_n
+        if floor is not None and floor.slope == 0.0:  # a coloured noise has a memory itself
+            shares.append(foretold if foretold > _FORETOLD else 0.0)
+        elif not self._noise_is_known and matters:
+            shares.append(foretold if foretold > _FORETOLD_UNKNOWN else 0.0)
         if floor is not None and self.residual_n > _OF_FORCE * self.force_n:
             shares.append(excess_share(self.regression, self._residual, floor))
         return max(shares)
@@ -289,7 +279,7 @@ class Judge:
         """Yields name and refined fit of each form that is feasible, and on its grid near the fit's score, in
         place of cause `name`. Leaves out causes in `closed`, and those kin to another cause of the model.
         """
-        rest, _ = self._without[name]
+        rest, _ = self.without[name]
         worst = self.fit.score + _RIVAL + _NEAR * abs(rest.score - self.fit.score)
         for other in self.search.names:
             if base_name(other) not in closed and self.search.open_to(rest, other):
@@ -305,7 +295,14 @@ class Judge:
             return None
         weak = [name for name in self.fit.model if self._is_impossible(name)]
         weak = weak or [name for name in self.fit.model if self._is_weak(name)]
-        return min(weak, key=lambda name: self._without[name][0].score, default=None)
+        return min(weak, key=lambda name: self.without[name][0].score, default=None)
+
+    def unclear(self) -> str | None:
+        """Cause that gains least next to structure without a name, unless it gains clearly or is the last."""
+        if len(self._causes_of_model) < 2 or not self._structure_left:
+            return None
+        least = min(self._causes_of_model, key=lambda name: self.without[name][1].gain_low)
+        return least if self.without[least][1].gain_low < _CLEAR_GAIN else None
 
     def _is_impossible(self, name: str) -> bool:
         """True if a parameter is out of its cause's bounds; or if the cause needs a spring (it relaxes or
@@ -332,7 +329,7 @@ class Judge:
         all its sizes may be 0 or are wider than 20 times the value, a ratio may be 1, or an end is infinite.
         Also for a change of stiffness at rest with few reversals beside it that gains below 90 %.
         """
-        _, held_out = self._without[name]
+        _, held_out = self.without[name]
         if held_out.gain_low <= _AS_GOOD:
             return True
         seldom = name == "stiffness_change:rest" and not self._moved_around(self.fit.model[name][0])
@@ -359,14 +356,16 @@ class Judge:
         return all(turns(signals.fine_x[inside][part]) >= _STROKES for part in (after, ~after))
 
     @cached_property
-    def _without(self) -> dict[str, tuple[ModelFit, HeldOut]]:
-        """Refined fit without each cause, by the cause's name, and the cause's gain on held-out blocks;
-        computed once.
+    def without(self) -> dict[str, tuple[ModelFit, HeldOut]]:
+        """Refined fit without each cause, by the cause's name, and the cause's gain on held-out blocks over
+        that fit with a bias, as the baseline has one; computed once.
         """
         fits = {}
         for name in self.fit.model:
-            without = self.search.without(self.fit, name)
-            errors = held_out_errors(self.regression, without)
+            without = beside_a_bias = self.search.without(self.fit, name)
+            if "bias" not in self.fit.model:
+                beside_a_bias = self.search.without(self.search.fit({**self.fit.model, "bias": ()}), name)
+            errors = held_out_errors(self.regression, beside_a_bias)
             fits[name] = without, gain(self.regression, errors, self.after)
         return fits
 
@@ -376,11 +375,8 @@ class Judge:
         return tuple(sorted(causes, key=lambda cause: (cause.name == "bias", -cause.explained_n)))
 
     def _cause(self, name: str) -> Cause:
-        """Cause with parameters and evidence; its gain is over a fit that has a bias, as the baseline has."""
-        without, held_out = self._without[name]
-        if "bias" not in self.fit.model:  # no part of a cause that makes it needless
-            without = self.search.without(self.search.fit({**self.fit.model, "bias": ()}), name)
-            held_out = gain(self.regression, held_out_errors(self.regression, without), self.after)
+        """Cause with parameters and evidence."""
+        without, held_out = self.without[name]
         plain, likelihood = base_name(name), without.score - self.fit.score
         words = (
             f"without it the penalised -2 log likelihood is {likelihood:.0f} worse; it lessens the error on "
@@ -396,14 +392,14 @@ class Judge:
         rivals: tuple[tuple[str, ...], ...] = (),
         suspected: Iterable[str] = (),
     ) -> Diagnosis:
-        """Diagnosis of that verdict with all its numbers. Lists causes only for `cause_found`; adds the flag
+        """Diagnosis of that verdict with all its numbers. Lists causes where they are named; adds the flag
         `slow_force` if `slow`. `motion`: to record next; `suspected`: named by the search, whatever the
         verdict.
         """
         held = self.held_out
         return Diagnosis(
             verdict,
-            self._causes() if verdict == "cause_found" else (),
+            self._causes() if verdict in NAMING else (),
             rivals,
             motion,
             (*self.analysis.flags(), *([SLOW] if self.slow else [])),
@@ -411,6 +407,7 @@ class Judge:
             ModelError.of(held.rmse_before_n, self.force_n, intervals(self.regression, self.base)),
             ModelError.of(held.rmse_after_n, self.force_n, self.parameters),
             held,
+            follows=self._left_over.follows() if self._structure_left else (),
             suspected=tuple(sorted(suspected)),
         )
 

@@ -213,9 +213,9 @@ class RecordingRegression:
         self._products: dict[tuple[int, int], Floats] = {}
 
     def fit(self, model: Model) -> ModelFit:
-        """Least-squares fit, whitened, at the model's shapes: mass and damping have the force's sense or are 0;
-        stiffness, too, unless `look` sees that it pushes away. Causes of a wrong sign only make it not `feasible`. Columns and inner products are
-        remembered.
+        """Least-squares fit, whitened, at the model's shapes: mass and damping have the force's sense or are
+        0; stiffness, too, unless `look` sees that it pushes away. Causes of a wrong sign only make it not
+        `feasible`. Columns and inner products are remembered.
         """
         blocks = self._blocks(model)
         named = zip(["", *model], blocks, strict=True)

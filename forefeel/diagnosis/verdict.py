@@ -13,10 +13,13 @@ VerdictName = Literal[
     "nothing_missing",
     "nothing_found",
     "cause_found",
+    "partly_explained",
     "not_separable",
     "not_driven_by_this_axis",
     "unexplained",
 ]
+NAMING: frozenset[VerdictName] = frozenset({"cause_found", "partly_explained"})
+"""Verdicts that name causes."""
 Family = Literal["friction", "relaxation", "stiffening"]
 
 
@@ -152,6 +155,14 @@ class Look:
 
 
 @dataclass(frozen=True, slots=True)
+class Follows:
+    """A variable that what is left follows; `share` of its variance on held-out blocks."""
+
+    variable: str
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
 class Diagnosis:
     """Everything that diagnosis.json says. `suspected`: what the search named even when the verdict is less.
     `noise_floor_n`: None where the recording does not tell it. `other_motion`: None without a cause whose
@@ -169,6 +180,7 @@ class Diagnosis:
     held_out: HeldOut
     other_motion: ExpectedGain | None = None
     look: Look | None = None
+    follows: tuple[Follows, ...] = ()
     suspected: tuple[str, ...] = field(default=())
 
     def to_mapping(self) -> dict[str, object]:

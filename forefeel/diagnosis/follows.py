@@ -1,0 +1,197 @@
+"""What the residual follows: held-out regressions without physics, on bumps over one variable at a time.
+
+Each variable gets the same: triangles over its range beside the model's own columns, ridge regression, scored
+on held-out blocks. Where one gains clearly, something is there that no named cause explains, and its variable
+says where to look for it.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+
+from forefeel.common.causes.motion import Lag, MotionGrid
+from forefeel.common.error_size import Floats
+from forefeel.diagnosis.regression import ModelFit, RecordingRegression, alignment
+from forefeel.diagnosis.uncertainty import columns, gain, held_out
+from forefeel.diagnosis.verdict import Follows, HeldOut
+
+_RIDGES = 1e-4, 1e-2
+_LAGS_S = 0.03, 0.1, 0.3, 1.0
+_LEAST_SHARE = 0.15  # of the residual's variance: a variable that explains less is not told
+_MOST_TOLD = 3
+_AS_GOOD = 1.15  # times what the best variable leaves: a simpler one that leaves no more is told first
+_HALF = 0.5  # of what any other leaves, that time has to leave: it imitates whatever is slow
+_LEAST_CYCLES = 3.0  # of a rhythm
+_OF_TIME = "time", "rate varies"  # variables that noise with a memory follows, too
+_STEP_S, _SLOW_STEP_S = 0.7, 2.5  # s between the knots of a function of time, and of a rhythm's size
+_LOW_SPEEDS = 0.01, 0.03, 0.1, 0.3  # of the 90 % quantile of the speed, where friction bends
+
+Columns = Callable[[], Floats]
+
+
+@dataclass(frozen=True, eq=False)
+class Leftover:
+    """What a fit leaves, against every variable."""
+
+    regression: RecordingRegression
+    fit: ModelFit
+
+    @property
+    def variables(self) -> dict[str, Columns]:
+        """Columns of each variable, shape (coarse samples, columns), made when called; filtered and late as
+        the cell shows them.
+        """
+        return {**self._of_the_motion(), **self._of_time()}
+
+    def _of_the_motion(self) -> dict[str, Columns]:
+        m = self.regression.motion(self.fit.model)
+        x, v, a, way, since = m.x, m.v, m.a, m.direction(), _since_reversal(m)
+        usual = float(np.quantile(np.abs(v), 0.9))
+        low = usual * np.array([*(-s for s in _LOW_SPEEDS), 0.0, *_LOW_SPEEDS])
+        speeds = np.unique(np.concatenate([_knots(v, 12), low]))
+        past = (v, np.abs(v), v * np.abs(v))
+        lagged = [(w, np.exp(-m.dt / lag_s)) for lag_s in _LAGS_S for w in past]
+        tables: dict[str, Callable[[], list[Floats]]] = {
+            "direction": lambda: [way],
+            "position": lambda: _bumps(x, _knots(x, 24)),
+            "speed": lambda: _bumps(v, speeds),
+            "acceleration": lambda: _bumps(a, _knots(a, 12)),
+            "way since the last reversal": lambda: [b * way for b in _bumps(since, _knots(since, 10))],
+            "past motion": lambda: [m.through(Lag().step, w, decay) for w, decay in lagged],
+            "position, in and out apart": lambda: [
+                b * (s * way > 0.0) for b in _bumps(x, _knots(x, 24)) for s in (1.0, -1.0)
+            ],
+            "position times speed": lambda: _products(x, v),
+            "speed times acceleration": lambda: _products(v, a),
+        }
+        force = self.regression.predicted(self.fit)
+        made: dict[str, Columns] = {name: partial(self._as_measured, table) for name, table in tables.items()}
+        return {**made, "size of the force": lambda: np.column_stack(_bumps(force, _knots(force, 12)))}
+
+    def _of_time(self) -> dict[str, Columns]:
+        """Columns of time, and of the strongest line of the residual, which may last, act while the motion
+        does, grow with depth, or vary in rate.
+        """
+        regression, t = self.regression, self.regression.signals.t
+        line_hz = self._line_hz()
+        m = regression.motion(self.fit.model)
+        speed, depth = (np.interp(t, m.t, values) for values in (np.abs(m.v), m.x))
+        moves = np.tanh(speed / max(float(np.median(speed)), 1e-12))
+        slowly = np.column_stack(_bumps(t, np.arange(t[0], t[-1] + _SLOW_STEP_S, _SLOW_STEP_S)))
+        rhythm = f"rhythm of {line_hz:.2g} Hz"
+
+        def waves(harmonics: int) -> Floats:
+            turns = 2.0 * np.pi * line_hz * t
+            return np.column_stack([w(n * turns) for n in range(1, harmonics + 1) for w in (np.sin, np.cos)])
+
+        return {
+            "time": lambda: np.column_stack(_bumps(t, np.linspace(t[0], t[-1], self._time_knots()))),
+            rhythm: lambda: waves(3),
+            f"{rhythm} while it moves": lambda: moves[:, None] * waves(2),
+            f"{rhythm} that grows with depth": lambda: np.hstack([waves(2), depth[:, None] * waves(2)]),
+            f"{rhythm}, rate varies": lambda: np.hstack([slowly * wave[:, None] for wave in waves(2).T]),
+        }
+
+    def _time_knots(self) -> int:
+        return int(np.clip(self.regression.extent.duration_s / _STEP_S, 8, 60))
+
+    def _line_hz(self) -> float:
+        """Frequency in Hz of the strongest line of the residual that has three cycles or more."""
+        signals = self.regression.signals
+        left = np.where(signals.rows, self.regression.residual(self.fit), 0.0)
+        left -= np.mean(left[signals.rows]) * signals.rows
+        power = np.abs(np.fft.rfft(left * np.hanning(len(left)), 8 * len(left)))
+        frequency = np.fft.rfftfreq(8 * len(left), 1.0 / signals.coarse_rate_hz)
+        power[frequency < _LEAST_CYCLES / self.regression.extent.duration_s] = 0.0
+        return float(frequency[int(np.argmax(power))])
+
+    def _as_measured(self, table: Callable[[], list[Floats]]) -> Floats:
+        """Columns on the fine grid as the cell shows them, on the coarse one."""
+        signals = self.regression.signals
+        factor = alignment(signals.omega, self.fit.model)
+        spectra = signals.spectrum(np.array(table()))
+        return signals.column(spectra if factor is None else spectra * factor).T
+
+    def gain_of(self, extra: Floats, ridges: tuple[float, ...] = _RIDGES) -> HeldOut:
+        """Held-out gain of the fit's columns with `extra` ones (coarse grid, not whitened) over the fit's
+        columns alone; that of the ridge on the extra ones, of `ridges`, that gains most.
+        """
+        regression = self.regression
+        white, plain = columns(regression, self.fit)
+        alone, pieces = held_out(regression, white, plain), regression.signals.piecewise(fine=False)
+        extra_white = regression.noise.whiten(extra, pieces)[regression.rows] / regression.noise.innovation_n
+        both = np.hstack([white, extra_white]), np.hstack([plain, extra[regression.rows]])
+        trials = []
+        for ridge in ridges:
+            weights = np.repeat([1e-10, ridge], [white.shape[1], extra.shape[1]])
+            trials.append(gain(regression, alone, held_out(regression, *both, ridge=weights)))
+        return max(trials, key=lambda trial: trial.gain)
+
+    @cached_property
+    def _gains(self) -> dict[str, tuple[int, HeldOut]]:
+        """Number of columns and held-out gain of each variable."""
+        tables = {variable: make() for variable, make in self.variables.items()}
+        return {variable: (table.shape[1], self.gain_of(table)) for variable, table in tables.items()}
+
+    def largest_share(self, gain_low: float = 0.0) -> float:
+        """Share of the residual's variance that the best variable explains, of those whose gain has a lower
+        end above `gain_low`; 0 without one. Functions of time do not count: coloured noise is one.
+        """
+        steady = (held for name, (_, held) in self._gains.items() if not name.endswith(_OF_TIME))
+        return max((_share(held) for held in steady if held.gain_low > gain_low), default=0.0)
+
+    def follows(self) -> tuple[Follows, ...]:
+        """Up to three variables that clearly explain 15 % of the residual's variance, first the one to look
+        at: the simplest of those that leave about the least. Empty without any.
+        """
+        found = [
+            (count, Follows(name, _share(held)))
+            for name, (count, held) in self._gains.items()
+            if _share(held) > _LEAST_SHARE and held.gain_low > 0.0
+        ]
+        others = max((f.share for _, f in found if f.variable != "time"), default=0.0)
+        slow = 1.0 - _HALF * (1.0 - others)
+        found = [(count, f) for count, f in found if f.variable != "time" or f.share > slow]
+        if not found:
+            return ()
+        left = 1.0 - max(f.share for _, f in found)
+        first = min((pair for pair in found if 1.0 - pair[1].share <= _AS_GOOD * left), key=lambda p: p[0])[1]
+        rest = sorted((f for _, f in found if f is not first), key=lambda f: -f.share)
+        return (first, *rest[: _MOST_TOLD - 1])
+
+
+def _share(held: HeldOut) -> float:
+    return 1.0 - (1.0 - max(held.gain, 0.0)) ** 2
+
+
+def _products(a: Floats, b: Floats) -> list[Floats]:
+    return [p * q for p in _bumps(a, _knots(a, 6)) for q in _bumps(b, _knots(b, 6))]
+
+
+def _knots(values: Floats, count: int) -> Floats:
+    """Half by quantiles, half evenly: where the data are and over the whole range."""
+    low, high = np.quantile(values, (0.01, 0.99))
+    even = np.linspace(low, high, count)
+    return 0.5 * (even + np.quantile(values, np.linspace(0.01, 0.99, count)))
+
+
+def _bumps(values: Floats, knots: Floats) -> list[Floats]:
+    """Triangles that sum to one."""
+    return [np.interp(values, knots, row) for row in np.eye(len(knots))]
+
+
+def _since_reversal(motion: MotionGrid) -> Floats:
+    """Distance from the position where the direction last changed, or the piece began, in m at each fine
+    sample; speeds within the band keep the direction.
+    """
+    away = np.empty_like(motion.x)
+    for piece in motion.pieces:
+        x = motion.x[piece]
+        s = np.sign(np.where(np.abs(motion.v[piece]) > motion.speed_band, motion.v[piece], 0.0))
+        held = s[np.maximum.accumulate(np.where(s != 0.0, np.arange(len(s)), 0))]
+        turned = np.concatenate([[True], np.diff(held) != 0.0])
+        origin = np.maximum.accumulate(np.where(turned, np.arange(len(s)), 0))
+        away[piece] = np.abs(x - x[origin])
+    return away
