@@ -36,7 +36,9 @@ _LEAST_SEGMENT = 3.0  # in edges
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SignalPiece:
-    """One gapless stretch: lengths of its grids, raw, fine and coarse, padding included."""
+    """One gapless stretch: lengths of its grids, raw, fine and coarse, padding included; `edge_s`: at each
+    end, where rows do not count.
+    """
 
     start_s: float
     period_s: float
@@ -44,6 +46,7 @@ class SignalPiece:
     padded: int
     fine: int
     coarse: int
+    edge_s: float
 
     @property
     def span_s(self) -> float:
@@ -89,7 +92,7 @@ class Signals:
             x_spec, f_spec = rfft(_padded(x, grid.padded)), rfft(_padded(f, grid.padded))
             if len(x) > len(self.even_m):
                 self.even_m, self.even_hz = x, 1.0 / grid.period_s
-            gain = _above_noise(x, _step_m(recording.position_m[piece]), grid, len(x_spec))
+            gain = _above_noise(x, x_spec, _step_m(recording.position_m[piece]), grid)
             x_spec *= gain
             self.motion_reach_hz = max(self.motion_reach_hz, float(np.sum(gain)) / grid.span_s)
             self.pieces.append(grid)
@@ -194,10 +197,7 @@ class Signals:
         within a period of the cutoff from raw samples that are `bad`.
         """
         t = np.asarray(np.arange(grid.coarse) * (grid.span_s / grid.coarse), dtype=np.float64)
-        edge_s = _EDGE / self.cutoff_hz
-        length_s = (grid.samples - 1) * grid.period_s
-        edge_s = min(max(edge_s, _EDGE_S), 0.1 * length_s)
-        rows = (t >= edge_s) & (t <= length_s - edge_s)
+        rows = (t >= grid.edge_s) & (t <= (grid.samples - 1) * grid.period_s - grid.edge_s)
         rows &= ~_near(bad, t, grid.period_s, 1.0 / self.cutoff_hz)
         return grid.start_s + t, irfft(self._cut(grid, f_spec, grid.padded), grid.coarse), rows
 
@@ -223,7 +223,8 @@ def _grid(time_s: Floats, cutoff_hz: float) -> SignalPiece | None:
     coarse = min(_even_fast_length(int(2.0 * cutoff_hz * span_s) + 2), padded)
     fine = min(_even_fast_length(int(_FINE_PER_BAND * cutoff_hz * span_s)), max(padded, 2 * coarse))
     fine = max(fine, coarse)
-    return SignalPiece(float(time_s[0]), period_s, samples, padded, fine, coarse)
+    edge_s = min(max(edge_s, _EDGE_S), 0.1 * (samples - 1) * period_s)
+    return SignalPiece(float(time_s[0]), period_s, samples, padded, fine, coarse, edge_s)
 
 
 def _even_fast_length(least: int) -> int:
@@ -269,7 +270,7 @@ def _step_m(x: Floats) -> float:
     return float(np.quantile(gaps, 0.05)) if len(gaps) else 0.0
 
 
-def _above_noise(x: Floats, step_m: float, grid: SignalPiece, bins: int) -> Floats:
+def _above_noise(x: Floats, x_spec: Spectrum, step_m: float, grid: SignalPiece) -> Floats:
     """Gain: one up to where the position's spectrum sinks into the encoder's noise, zero beyond, so that no
     noise is derived.
 
@@ -284,17 +285,32 @@ def _above_noise(x: Floats, step_m: float, grid: SignalPiece, bins: int) -> Floa
         if 0.0 < upper < 2.5 * top:
             break
     else:
-        return np.ones(bins)
-    above = median_filter(power, 7, mode="nearest") > 3.0 * max(top, 1e-300)
-    if not above.any():
-        return np.ones(bins)
+        return np.ones(len(x_spec))
+    above = median_filter(power, 7, mode="nearest") > 3.0 * top
     edges = np.flatnonzero(np.diff(above, prepend=False, append=False))
     first, behind = edges[::2], edges[1::2]
     held_m2 = np.cumsum((power * above)[::-1])[::-1][first] * frequency[1]  # from there on
-    motion = (held_m2 > step_m**2 / 12.0) | (first == first[0])
-    reach_hz = float(frequency[max(int(behind[motion][-1]) - 1, 2)])
-    depth = np.clip((np.arange(bins) / grid.span_s / reach_hz - 1.0) / _FALL, 0.0, 1.0)
+    motion = (held_m2 > step_m**2 / 12.0) | (np.arange(len(first)) == 0)
+    last = int(np.max(behind[motion] - 1, initial=2))  # a line in time is nowhere above its noise
+    # the windows of that spectrum fade at both ends, where a chirp is fastest: there the motion may go on
+    power = np.maximum(power, _power_beyond(frequency[last], x_spec, grid, len(power)))
+    beyond = median_filter(power, 7, mode="nearest")[last:] > 10.0 * top
+    last += len(beyond) - 1 if beyond.all() else max(int(np.argmin(beyond)) - 1, 0)
+    depth = np.clip((np.arange(len(x_spec)) / grid.span_s / frequency[last] - 1.0) / _FALL, 0.0, 1.0)
     return np.asarray(0.5 * (1.0 + np.cos(np.pi * depth)))
+
+
+def _power_beyond(from_hz: float, x_spec: Spectrum, grid: SignalPiece, bins: int) -> Floats:
+    """Power of the position above a frequency over all of the piece, faded only over rows that do not count;
+    without slow motion nothing leaks. At `bins` frequencies, each the mean of what is around it.
+    """
+    fast = irfft(np.where(np.arange(len(x_spec)) > from_hz * grid.span_s, x_spec, 0.0), grid.padded)
+    t = np.arange(grid.samples) * grid.period_s
+    fade = np.sin(0.5 * np.pi * np.clip(np.minimum(t, t[::-1]) / grid.edge_s, 0.0, 1.0)) ** 2
+    power = 2.0 * np.abs(rfft(fade * fast[: grid.samples])) ** 2 * grid.period_s / grid.samples
+    width = len(power) / (bins - 1)
+    held = np.interp((np.arange(bins + 1) - 0.5) * width, np.arange(len(power) + 1), np.cumsum([0.0, *power]))
+    return np.asarray(np.diff(held) / width)
 
 
 def _band(power: Floats, low: float, high: float) -> float:

@@ -80,6 +80,32 @@ def test_lines_of_an_encoder_at_constant_speed_are_no_motion() -> None:
     assert 9.0 < signals(t, shaken, x).motion_reach_hz < 20.0
 
 
+@pytest.mark.parametrize("encoder_m", [1e-6, 2e-5])
+@pytest.mark.parametrize("rate", [20.0, 30.0, 50.0, 100.0])
+@pytest.mark.parametrize("last_hz", [3.0, 5.0, 6.0])
+def test_chirp_is_followed_to_its_end_and_no_noise_derived(
+    rate: float, last_hz: float, encoder_m: float
+) -> None:
+    """What is left of mass, damper and spring beside 2 mN of noise, and by spectral derivatives alone."""
+    rng = np.random.default_rng(int(rate + last_hz))
+    fine = np.arange(25_000) / 1e3
+    hz = 0.1 * (last_hz / 0.1) ** (fine / 25.0)
+    x = 0.0135 / (1.0 + hz) ** 0.9 * np.sin(2e-3 * np.pi * np.cumsum(hz))
+    v = np.gradient(x, 1e-3)
+    f = linear(x, v, np.gradient(v, 1e-3))
+    at = np.round(np.arange(int(25 * rate)) * 1e3 / rate).astype(int)
+    t, force = fine[at], f[at] + rng.normal(0.0, 2e-3, len(at))
+    position = encoder_m * np.round(x[at] / encoder_m + rng.normal(0.0, 0.3, len(at)))
+
+    s = signals(t, position, force, min(30.0, 0.45 * rate))
+    columns = [*(s.column(s.linear_spectrum(d)) for d in (2, 1, 0)), np.ones_like(s.t)]
+    _, rss = solve(np.column_stack(columns)[s.rows], s.force[s.rows])
+    w, spectrum = 2j * np.pi * np.fft.rfftfreq(len(t), 1.0 / rate), np.fft.rfft(position)
+    plain = [*(np.fft.irfft(w**d * spectrum, len(t)) for d in (2, 1, 0)), np.ones_like(t)]
+    _, plain_rss = solve(np.column_stack(plain)[20:-20], force[20:-20])
+    assert rss / np.count_nonzero(s.rows) < 1.1**2 * plain_rss / (len(t) - 40)
+
+
 def test_whitened_noise_is_white_and_its_size_is_known() -> None:
     rng = np.random.default_rng(3)
     e = 0.5 * rng.standard_normal(20_000)
