@@ -28,7 +28,7 @@ from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.residual import predictable_share
 from forefeel.diagnosis.signals import Signals
 from forefeel.diagnosis.uncertainty import covariance_of, plain_columns, slopes_of
-from forefeel.diagnosis.verdict import NAMING, Diagnosis, ExpectedGain
+from forefeel.diagnosis.verdict import Diagnosis, ExpectedGain
 
 _LONGEST_S = 30.0  # s of the recorded motion that others are made of
 _SURROGATES = 3
@@ -47,7 +47,7 @@ def with_expectation(diagnosis: Diagnosis, analysis: Analysis) -> Diagnosis:
     """Adds the gain to expect of another motion as `other_motion` (None: none can be made). Returns the
     diagnosis unchanged unless a cause was found and the model has more than a bias.
     """
-    if diagnosis.verdict not in NAMING or not set(analysis.fit.model) - {"bias"}:
+    if not diagnosis.names_causes or not set(analysis.fit.model) - {"bias"}:
         return diagnosis
     regression = analysis.regression
     base, left_n = analysis.base, diagnosis.held_out.rmse_after_n

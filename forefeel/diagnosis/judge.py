@@ -15,11 +15,12 @@ from forefeel.common.error_size import Floats
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.follows import Leftover
 from forefeel.diagnosis.identifiability import (
-    GENERAL_MOTION,
+    MOTION_AFTER_CONSTANT_SPEED,
     NOISE_TELLING_MOTION,
     RIVALS_AT_CONSTANT_SPEED,
     RIVALS_AT_ONE_SPEED,
     MotionKind,
+    following_motion,
     motion_kind,
     separating_motion,
     turns,
@@ -27,7 +28,16 @@ from forefeel.diagnosis.identifiability import (
 from forefeel.diagnosis.regression import BASE, ModelFit
 from forefeel.diagnosis.residual import excess_share, predictable_share
 from forefeel.diagnosis.uncertainty import gain, held_out_errors, intervals, significant
-from forefeel.diagnosis.verdict import NAMING, Cause, Diagnosis, HeldOut, ModelError, VerdictName
+from forefeel.diagnosis.verdict import (
+    NAMING,
+    Cause,
+    Diagnosis,
+    Follows,
+    HeldOut,
+    ModelError,
+    NextMotion,
+    VerdictName,
+)
 
 _WIDEST = 20.0  # of a size, width of an interval beyond which the recording does not tell it
 _RIVAL = 6.0
@@ -61,7 +71,7 @@ _MUCH_LESS = 0.25  # of what the motion leaves unexplained: what the own past th
 _AHEAD_S = 0.2  # s by which the force's own past has to foretell it: longer than any contact rings
 _KNOWN = 0.3  # least share that it has to foretell, to say that something else drives the force
 
-Less = tuple[VerdictName, str | None, tuple[tuple[str, ...], ...]]
+Less = tuple[VerdictName, NextMotion | None, tuple[tuple[str, ...], ...]]
 """A verdict without a cause, the motion to record next, and groups of rivals."""
 
 
@@ -111,7 +121,9 @@ class Judge:
         if self.fit.model or self.faults:
             much = self.floor_n is not None and self.residual_n > _TIMES_THE_NOISE * self.floor_n
             partly = self._causes_of_model and (self._structure_left or much)
-            return self._diagnosis("partly_explained" if partly else "cause_found", suspected=names)
+            if partly:
+                return self._diagnosis("partly_explained", following_motion(self._follows), suspected=names)
+            return self._diagnosis("cause_found", suspected=names)
         if self.floor_n is None:
             return self._diagnosis("nothing_found", NOISE_TELLING_MOTION)
         return self._diagnosis("nothing_missing")
@@ -137,13 +149,13 @@ class Judge:
         `not_separable` with rivals.
         """
         if self._kind == "constant_speed":
-            return "not_separable", GENERAL_MOTION, (RIVALS_AT_CONSTANT_SPEED,)
+            return "not_separable", MOTION_AFTER_CONSTANT_SPEED, (RIVALS_AT_CONSTANT_SPEED,)
         if self.slow:
             return "unexplained", None, ()
         if self._not_driven():
             return "not_driven_by_this_axis", None, ()
         if self._structure_left and not self._stand():
-            return "unexplained", GENERAL_MOTION, ()
+            return "unexplained", following_motion(self._follows), ()
         groups = self._groups
         if groups:
             return "not_separable", separating_motion({name for group in groups for name in group}), groups
@@ -219,6 +231,11 @@ class Judge:
     @cached_property
     def _left_over(self) -> Leftover:
         return Leftover(self.regression, self.fit)
+
+    @cached_property
+    def _follows(self) -> tuple[Follows, ...]:
+        """What the residual follows where it is structure; else empty."""
+        return self._left_over.follows() if self._structure_left else ()
 
     @cached_property
     def _residual(self) -> Floats:
@@ -369,6 +386,24 @@ class Judge:
             fits[name] = without, gain(self.regression, errors, self.after)
         return fits
 
+    def _detectable(self) -> dict[str, float]:
+        """Least sizes, as `cause.parameter`, of causes of one term without a shape that would have shown."""
+        known, _ = np.linalg.qr(self.regression.design(self.fit.model))
+        variance, sizes = self.fit.rss / self.fit.n, {}
+        for name in self.search.names:
+            candidate = CANDIDATES[name]
+            if name in self.fit.model or candidate.shapes or len(candidate.coefficients) != 1:
+                continue
+            column = self.regression.design({name: ()})[:, len(BASE) :]
+            power = float(np.sum((column - known @ (known.T @ column)) ** 2))
+            least = max(
+                candidate.least_score + np.log(self.fit.n), (candidate.least_ratio**2 - 1.0) * self.fit.n
+            )
+            sizes[f"{name}.{candidate.coefficients[0]}"] = float(
+                np.sqrt(variance * least / max(power, 1e-300))
+            )
+        return sizes
+
     def _causes(self) -> tuple[Cause, ...]:
         causes = [*self.faults, *map(self._cause, self.fit.model)]
         # the baseline has a bias, too: it is told last
@@ -388,7 +423,7 @@ class Judge:
     def _diagnosis(
         self,
         verdict: VerdictName,
-        motion: str | None = None,
+        motion: NextMotion | None = None,
         rivals: tuple[tuple[str, ...], ...] = (),
         suspected: Iterable[str] = (),
     ) -> Diagnosis:
@@ -407,7 +442,8 @@ class Judge:
             ModelError.of(held.rmse_before_n, self.force_n, intervals(self.regression, self.base)),
             ModelError.of(held.rmse_after_n, self.force_n, self.parameters),
             held,
-            follows=self._left_over.follows() if self._structure_left else (),
+            follows=self._follows,
+            detectable=self._detectable() if verdict in ("nothing_missing", "nothing_found") else {},
             suspected=tuple(sorted(suspected)),
         )
 

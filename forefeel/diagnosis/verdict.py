@@ -1,4 +1,4 @@
-"""The result of a diagnosis, as diagnosis.json holds it (schema forefeel.diagnosis/2)."""
+"""The result of a diagnosis, as diagnosis.json holds it (schema forefeel.diagnosis/3)."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
@@ -7,7 +7,7 @@ from typing import Literal
 
 from forefeel.common.causes.catalogue import cause_class
 
-SCHEMA = "forefeel.diagnosis/2"
+SCHEMA = "forefeel.diagnosis/3"
 
 VerdictName = Literal[
     "nothing_missing",
@@ -155,24 +155,39 @@ class Look:
 
 
 @dataclass(frozen=True, slots=True)
+class NextMotion:
+    """Motion to record next: in words, and its duration and place, None of which is wherever it was."""
+
+    words: str
+    duration_s: float
+    low_m: float | None = None
+    high_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Follows:
-    """A variable that what is left follows; `share` of its variance on held-out blocks."""
+    """A variable that what is left follows, and the share of its variance on held-out blocks; `low_m`,
+    `high_m`: between which four fifths of it stand.
+    """
 
     variable: str
     share: float
+    low_m: float
+    high_m: float
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
     """Everything that diagnosis.json says. `suspected`: what the search named even when the verdict is less.
     `noise_floor_n`: None where the recording does not tell it. `other_motion`: None without a cause whose
-    gain depends on the motion. `look`: None where the motion is no strokes.
+    gain depends on the motion. `look`: None where the motion is no strokes. `detectable`: least sizes, as
+    `cause.parameter`, that would have shown where nothing is named.
     """
 
     verdict: VerdictName
     causes: tuple[Cause, ...]
     rivals: tuple[tuple[str, ...], ...]
-    suggested_motion: str | None
+    next_motion: NextMotion | None
     flags: tuple[str, ...]
     noise_floor_n: float | None
     baseline: ModelError
@@ -181,7 +196,12 @@ class Diagnosis:
     other_motion: ExpectedGain | None = None
     look: Look | None = None
     follows: tuple[Follows, ...] = ()
+    detectable: dict[str, float] = field(default_factory=dict)
     suspected: tuple[str, ...] = field(default=())
+
+    @property
+    def names_causes(self) -> bool:
+        return self.verdict in NAMING
 
     def to_mapping(self) -> dict[str, object]:
         return {"schema": SCHEMA, **asdict(self)}

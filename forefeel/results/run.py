@@ -68,7 +68,10 @@ def run_diagnosis(
         answer(*result.lines, where, document=lambda: result.texts[JSON])
         if task.page:
             draw(page, name, out, written)
-        if result.diagnosis.verdict in {"cause_found", "nothing_missing"} and task.axis is None:
+        if (
+            result.diagnosis.verdict in {"cause_found", "partly_explained", "nothing_missing"}
+            and task.axis is None
+        ):
             suggest("evaluate", first, *beside, model=out / MODEL, out=out, **asdict(task.columns))
 
 

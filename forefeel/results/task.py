@@ -108,7 +108,7 @@ def answered(
                 raise _doubt(recording, asked)
         details = diagnose(recordings[0], progress, given, recordings[1:])
         lines = answer(details.recording, details.diagnosis, None, None if given is None else given.name)
-    named = details.diagnosis.verdict == "cause_found"
+    named = details.diagnosis.names_causes
     title = f"{details.recording.name}, extended by its diagnosis"
     if not named:  # a model of a recording whose cause is not named is no finding
         title = f"{details.recording.name}, {details.diagnosis.verdict}: mass, damper, spring and bias"
@@ -179,7 +179,7 @@ def _examine(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
             f"--model: the force of {task.given.name if task.given else 'the simulation'!r} along "
             f"{task.file} is not finite; expected a model in SI units"
         )
-    named = diagnosis.verdict == "cause_found"
+    named = diagnosis.names_causes
     model = judged.model
     across = None
     if named and task.replay:  # without a cause there is no other model to predict with

@@ -7,8 +7,8 @@ from forefeel.common.causes.catalogue import equation as cause_equation
 from forefeel.common.events.console import printable
 from forefeel.common.events.text import quantity, units_of
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.verdict import Cause, Diagnosis, ExpectedGain, HeldOut, Look
-from forefeel.report.wording import DISCLAIMER, shown, split_unit
+from forefeel.diagnosis.verdict import Cause, Diagnosis, ExpectedGain, HeldOut, Look, NextMotion
+from forefeel.report.wording import DISCLAIMER, plain_value, shown, split_unit
 
 if TYPE_CHECKING:
     from forefeel.diagnosis.prediction import Across
@@ -55,11 +55,18 @@ def failure(error: Exception) -> str:
 
 
 def headline(diagnosis: Diagnosis) -> str:
-    if diagnosis.verdict != "cause_found":
+    if not diagnosis.names_causes:
         known = "" if diagnosis.noise_floor_n is None else " down to its noise"
         return _VERDICT_TEXT[diagnosis.verdict].format(known)
     *more, last = [words(cause.name) for cause in diagnosis.causes if cause.name != "bias"] or [words("bias")]
-    return f"The simulation leaves out {', '.join(more)}{' and ' if more else ''}{last}."
+    named = f"{', '.join(more)}{' and ' if more else ''}{last}"
+    if diagnosis.verdict == "cause_found":
+        return f"The simulation leaves out {named}."
+    held = diagnosis.held_out
+    return (
+        f"The largest thing that the simulation leaves out is {named}: {gain_text(held)} error; "
+        f"{quantity(held.rmse_after_n, 'N')} are left that no known cause explains."
+    )
 
 
 def on_readings(diagnosis: Diagnosis) -> bool:
@@ -79,11 +86,12 @@ def answer(
     recording: Recording, diagnosis: Diagnosis, across: "Across | str | None", given: str | None = None
 ) -> list[str]:
     """Lines for the terminal: recording, verdict, those of `answer_lines`, disclaimer."""
+    told = _LEFT_OUT if diagnosis.verdict == "cause_found" else None
     with units_of(recording.columns):
         return [
             f"{printable(recording.name)}: {len(recording)} samples, {recording.duration_s:.1f} s, "
             f"{recording.rate_hz:.4g} Hz",
-            f"Verdict     {diagnosis.verdict}. {_LEFT_OUT if diagnosis.causes else headline(diagnosis)}",
+            f"Verdict     {diagnosis.verdict}. {told or headline(diagnosis)}",
             *(f"{label:<12}{text}" for label, text in answer_lines(diagnosis, across, given)),
             DISCLAIMER,
         ]
@@ -96,7 +104,7 @@ def answer_lines(
 
     `given`: name of the simulation. `across`: the prediction, or why it failed.
     """
-    extended = diagnosis.verdict == "cause_found"
+    extended = diagnosis.names_causes
     parts = [
         *(("Rivals", [f"{name}: {words(name)}" for name in group]) for group in diagnosis.rivals),
         ("Nearest", _nearest(diagnosis)),
@@ -104,6 +112,8 @@ def answer_lines(
         ("Simulation", [_simulation(diagnosis, given)]),
         *(("Cause", _cause(cause)) for cause in diagnosis.causes),
         ("Extended", [_extended(diagnosis, given)] if extended else []),
+        ("Follows", _follows(diagnosis)),
+        ("Would show", _would_show(diagnosis)),
         ("Elsewhere", _elsewhere(diagnosis.other_motion)),
         ("Predicted", _predicted(diagnosis, across) if extended else []),
         ("Model", _model(diagnosis)),
@@ -182,6 +192,27 @@ def _extended(diagnosis: Diagnosis, given: str | None) -> str:
     )
 
 
+def _follows(diagnosis: Diagnosis) -> list[str]:
+    """Line on the variables that what is left follows; empty where that is no structure."""
+    if not diagnosis.follows:
+        return []
+    first, *more = (f"{of.variable} {100.0 * of.share:.0f} %" for of in diagnosis.follows)
+    also = f"; also {', '.join(more)}" if more else ""
+    place = " to ".join(
+        quantity(end, "m") for end in (diagnosis.follows[0].low_m, diagnosis.follows[0].high_m)
+    )
+    return [f"what is left follows {first}{also}; most of it at {place}"]
+
+
+def _would_show(diagnosis: Diagnosis) -> list[str]:
+    """Line on the least sizes that would have shown where nothing is named."""
+    sizes = []
+    for name, size in diagnosis.detectable.items():
+        cause, parameter = name.split(".")
+        sizes.append(f"{words(cause)} above {plain_value(parameter, size)}")
+    return [", ".join(sizes)] if sizes else []
+
+
 def _elsewhere(expected: ExpectedGain | None) -> list[str]:
     """Line on the gain expected on another motion, and the range where it holds; empty where none is
     expected.
@@ -200,7 +231,7 @@ def equation(diagnosis: Diagnosis) -> str:
     """Equation `f = ...` of the model in SI units: extended where causes are named, else the simulation.
     Conditions follow, each after a semicolon.
     """
-    model = diagnosis.extended if diagnosis.verdict == "cause_found" else diagnosis.baseline
+    model = diagnosis.extended if diagnosis.names_causes else diagnosis.baseline
     m, b, k = (model.parameters.get(name, 0.0) for name in ("mass_kg", "damping_n_s_m", "stiffness_n_m"))
     terms = [f"{value:.3g} {of}" for value, of in ((m, "x''"), (b, "x'"), (k, "x")) if value]
     causes = {cause.name: {key: p.value for key, p in cause.parameters.items()} for cause in diagnosis.causes}
@@ -220,7 +251,7 @@ def equation(diagnosis: Diagnosis) -> str:
 
 def _model(diagnosis: Diagnosis) -> list[str]:
     """Equation of the model, and its mass, damping and stiffness; empty without these."""
-    model = diagnosis.extended if diagnosis.verdict == "cause_found" else diagnosis.baseline
+    model = diagnosis.extended if diagnosis.names_causes else diagnosis.baseline
     values = "; ".join(
         str(shown(name, of)) if of.value else f"{split_unit(name)[0]} not told from zero"
         for name, of in model.intervals.items()
@@ -230,7 +261,7 @@ def _model(diagnosis: Diagnosis) -> list[str]:
 
 def _unknown(diagnosis: Diagnosis) -> list[str]:
     """Cautions on mass, damping, stiffness that this motion does not tell from zero, beside named causes."""
-    if diagnosis.verdict != "cause_found":
+    if not diagnosis.names_causes:
         return []
     return [
         f"this motion does not tell the {split_unit(name)[0]} from zero; {_NEEDED_FOR[name]} may differ"
@@ -254,10 +285,11 @@ def _predicted(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]
 
 def next_steps(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]:
     """Advice on bench, model or the next recording, by verdict."""
-    motion, verdict = diagnosis.suggested_motion, diagnosis.verdict
-    if verdict == "cause_found":
+    motion, verdict = diagnosis.next_motion, diagnosis.verdict
+    if diagnosis.names_causes:
         remedies = [kind.remedy for cause in diagnosis.causes if (kind := cause_class(cause.name)).remedy]
-        return [*(f"on the bench: {text}" for text in remedies[:1]), *_with_the_model(across)]
+        more = [] if motion is None else [f"for what is left record {_motion(motion)}"]
+        return [*(f"on the bench: {text}" for text in remedies[:1]), *more, *_with_the_model(across)]
     if verdict == "nothing_missing":
         return ["nothing to mend; model.yaml holds this simulation for forefeel simulate and loopback"]
     if verdict == "not_driven_by_this_axis":
@@ -271,7 +303,14 @@ def next_steps(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]
         after = f"it tells the rivals apart; {after}"
     if verdict == "unexplained":
         after = "and look at the bench where and when the report shows that most is left"
-    return [f"record {motion}", after]
+    return [f"record {_motion(motion)}", after]
+
+
+def _motion(motion: NextMotion) -> str:
+    """Words for a motion, with its place where it has one."""
+    if motion.low_m is None or motion.high_m is None:
+        return motion.words
+    return f"{motion.words}, at {quantity(motion.low_m, 'm')} to {quantity(motion.high_m, 'm')}"
 
 
 def _with_the_model(across: "Across | str | None") -> list[str]:
