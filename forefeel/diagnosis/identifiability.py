@@ -21,6 +21,7 @@ _STEADY = 0.06
 _RINGING = 0.2  # of the speed: 0.09 of a jump (Gibbs), which is twice the speed where a stroke turns
 
 _SEPARATING = {
+    "angles": "strokes, slow and fast, over as much of a turn as can be had",
     "speeds": "strokes at speeds from well below to well above the slowest so far, 0.1 to 10 mm/s",
     "amplitudes": "strokes of several amplitudes at one speed, some shorter than the width in question",
     "frequencies": "sines of one amplitude at three or more frequencies, 0.5 to 15 Hz",

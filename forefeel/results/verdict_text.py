@@ -8,7 +8,7 @@ from forefeel.common.events.console import printable
 from forefeel.common.events.text import quantity, units_of
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.verdict import Cause, Diagnosis, ExpectedGain, HeldOut, Look
-from forefeel.report.wording import DISCLAIMER, shown, split_unit
+from forefeel.report.wording import DISCLAIMER, plain_value, shown, split_unit
 
 if TYPE_CHECKING:
     from forefeel.diagnosis.prediction import Across
@@ -163,9 +163,11 @@ def _nearest(diagnosis: Diagnosis) -> list[str]:
 
 def _cause(cause: Cause) -> list[str]:
     parameters = "; ".join(str(shown(name, value)) for name, value in cause.parameters.items())
+    values = {name: interval.value for name, interval in cause.parameters.items()}
+    described = cause_class(cause.name).described(values, plain_value)
     size = f", {quantity(cause.explained_n, 'N')} rms of the force"
     share = "; the fitted simulation has one, too" if cause.name == "bias" else size
-    return [f"{cause.name}: {parameters}", f"{words(cause.name)}{share}"]
+    return [f"{cause.name}: {parameters}", f"{words(cause.name)}{described}{share}"]
 
 
 def _extended(diagnosis: Diagnosis, given: str | None) -> str:
