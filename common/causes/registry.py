@@ -45,9 +45,9 @@ OWN: dict[str, type[Effect]] = {
         friction.CoulombFriction, wall.ExponentialWall, periodic.GravityLoad, damping.HuntCrossleyDamping,
         periodic.MainsHum, wall.MassDamperSpring, transmission.Play, friction.PositionDependentFriction,
         periodic.PositionMap, friction.PreslidingHysteresis, periodic.Pulsation, damping.QuadraticDrag,
-        sensor.SensorDrift, sensor.SensorLag, sensor.SensorQuantisation, sensor.SensorSaturation, sensor.SensorSpikes,
-        wall.Stiffening, wall.StiffnessChange, wall.StressRelaxation, friction.StribeckFriction,
-        sensor.TimeDelay, unmodelled_resonance.UnmodelledResonance,
+        sensor.SensorDrift, sensor.SensorLag, sensor.SensorQuantisation, sensor.SensorSaturation,
+        sensor.SensorSpikes, wall.Stiffening, wall.StiffnessChange, wall.StressRelaxation,
+        friction.StribeckFriction, sensor.TimeDelay, unmodelled_resonance.UnmodelledResonance,
     )
 }  # fmt: skip
 
