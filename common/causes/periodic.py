@@ -208,7 +208,7 @@ class GravityLoad(ForceEffect):
         sine_n, cosine_n = values["sine_n"], values["cosine_n"]
         return (
             f": {text('largest_n', hypot(sine_n, cosine_n))} at its farthest, it hangs at "
-            f"{atan2(-cosine_n, sine_n):.2f} rad and stands upright at {atan2(cosine_n, -sine_n):.2f} rad"
+            f"{atan2(-cosine_n, sine_n):z.2f} rad and stands upright at {atan2(cosine_n, -sine_n):z.2f} rad"
         )
 
     def angle(self, m: Kinematics) -> Value:

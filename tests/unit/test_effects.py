@@ -97,6 +97,8 @@ def test_force_is_its_closed_form(
 def test_a_weight_is_described_by_its_size_and_by_where_it_hangs_and_stands() -> None:
     text = GravityLoad.described({"sine_n": 3.0, "cosine_n": -4.0}, plain_value)
     assert text == ": 5 N at its farthest, it hangs at 0.93 rad and stands upright at -2.21 rad"
+    turned = GravityLoad.described({"sine_n": -2.0, "cosine_n": -1e-3}, plain_value)
+    assert turned == ": 2 N at its farthest, it hangs at 3.14 rad and stands upright at 0.00 rad"
 
 
 @pytest.mark.parametrize(
