@@ -11,7 +11,7 @@ Each is one equation: a method of the motion, which is a `MotionSample` for the 
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
@@ -92,6 +92,8 @@ class Effect(ABC):
     """Describes dry friction; a diagnosis does not report two such causes as rivals."""
     bends: ClassVar[bool] = False
     """Turns and scales a force by its frequency."""
+    rotary: ClassVar[bool] = False
+    """Is a function of an angle; a diagnosis searches it only where the position is one."""
     needs_spring: ClassVar[bool] = False
     """A diagnosis rejects it without a stiffness: it then is a late damper, like friction at a reversal."""
     told_by: ClassVar[Sequence[str]] = ()
@@ -149,6 +151,14 @@ class Effect(ABC):
                     raise ValueError(f"{where}: sets {target} a second time")
                 given[target] = known[target].checked(value, where)
         return {p.name: given.get(p.name, p.default) for p in cls.parameters}
+
+    @classmethod
+    def described(cls, values: Mapping[str, float], text: Callable[[str, float], str]) -> str:
+        """Text on what its parameters amount to, which follows `words`; "" where they say it themselves.
+
+        `text`: of a quantity, by a name that ends in its unit, and its value.
+        """
+        return ""
 
     def revalue(self, **values: float) -> None:
         """Replaces all values, by defaults where not given, and keeps the state: for a model that runs."""

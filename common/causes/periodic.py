@@ -1,6 +1,6 @@
-"""Periodic forces: pulsation, hum of the mains, a map over the position."""
+"""Periodic forces: pulsation, hum of the mains, a map over the position, a weight over the angle."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
@@ -9,6 +9,7 @@ from forefeel.common.causes.base import ForceEffect, Parameter
 from forefeel.common.causes.candidate import (
     Entry,
     Fitted,
+    Form,
     Periodic,
     PositionWave,
     Values,
@@ -175,3 +176,45 @@ class PositionMap(ForceEffect):
         """sin p, cos p, sin 2p, cos 2p."""
         p = (2.0 * pi / self.values["period_m"]) * m.x
         return m.sin(p), m.cos(p), m.sin(2.0 * p), m.cos(2.0 * p)
+
+
+_LEAST_ARC_RAD = pi / 2.0
+"""Over less a sine bends by some 10 %: with a spring and a constant it then is any curve, as of a spring that
+stiffens.
+"""
+
+
+class GravityLoad(ForceEffect):
+    """`f = sine_n sin(x) + cosine_n cos(x)`, x an angle in rad, f then in N m: `m g l sin(x - hanging)`.
+
+    Over a small range it is a spring and a constant; of a weight that stands upright, a negative spring.
+    """
+
+    name = "gravity_load"
+    site = "shaft"
+    parameters = (Parameter("sine_n", "N", 0.0, -1e4, 1e4), Parameter("cosine_n", "N", 0.0, -1e4, 1e4))
+    picture = "position"
+    rotary = True
+    told_by = ("angles", "stillness")
+    reference = "Spong, Hutchinson and Vidyasagar, Robot Modeling and Control, 2006, section 7.3"
+    fingerprint = "a sine of the angle with one period a turn, the same both ways, at any speed and at rest"
+    words = "the weight of a link or of an eccentric holder"
+    remedy = "balance the link or the holder, or feed its weight forward by the angle"
+    equation = ("{sine_n} sin(x) + {cosine_n} cos(x)",)
+    candidates = (Form(grid=lambda extent: [()] if extent.range_m > _LEAST_ARC_RAD else []),)
+
+    @classmethod
+    def described(cls, values: Mapping[str, float], text: Callable[[str, float], str]) -> str:
+        sine_n, cosine_n = values["sine_n"], values["cosine_n"]
+        return (
+            f": {text('largest_n', hypot(sine_n, cosine_n))} at its farthest, it hangs at "
+            f"{atan2(-cosine_n, sine_n):z.2f} rad and stands upright at {atan2(cosine_n, -sine_n):z.2f} rad"
+        )
+
+    def angle(self, m: Kinematics) -> Value:
+        """The angle in rad that the weight turns with."""
+        return m.x
+
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        angle = self.angle(m)
+        return m.sin(angle), m.cos(angle)

@@ -42,12 +42,12 @@ OWN: dict[str, type[Effect]] = {
     effect.name: effect
     for effect in (
         damping.AsymmetricDamping, transmission.Backlash, sensor.Bias, capstan.Capstan, wall.ContactLoss,
-        friction.CoulombFriction, wall.ExponentialWall, damping.HuntCrossleyDamping, periodic.MainsHum,
-        wall.MassDamperSpring, transmission.Play, friction.PositionDependentFriction, periodic.PositionMap,
-        friction.PreslidingHysteresis, periodic.Pulsation, damping.QuadraticDrag, sensor.SensorDrift,
-        sensor.SensorLag, sensor.SensorQuantisation, sensor.SensorSaturation, sensor.SensorSpikes,
-        wall.Stiffening, wall.StiffnessChange, wall.StressRelaxation, friction.StribeckFriction,
-        sensor.TimeDelay, unmodelled_resonance.UnmodelledResonance,
+        friction.CoulombFriction, wall.ExponentialWall, periodic.GravityLoad, damping.HuntCrossleyDamping,
+        periodic.MainsHum, wall.MassDamperSpring, transmission.Play, friction.PositionDependentFriction,
+        periodic.PositionMap, friction.PreslidingHysteresis, periodic.Pulsation, damping.QuadraticDrag,
+        sensor.SensorDrift, sensor.SensorLag, sensor.SensorQuantisation, sensor.SensorSaturation,
+        sensor.SensorSpikes, wall.Stiffening, wall.StiffnessChange, wall.StressRelaxation,
+        friction.StribeckFriction, sensor.TimeDelay, unmodelled_resonance.UnmodelledResonance,
     )
 }  # fmt: skip
 

@@ -84,7 +84,7 @@ class Stiffening(ForceEffect):
         Parameter("cubic_n_m3", "N/m^3", 0.0, -1e12, 1e12, explains=0.1),
     )
     picture = "position"
-    told_by = ("depths", "stillness", "repetition")
+    told_by = ("angles", "depths", "stillness", "repetition")
     occasional = True
     reference = "polynomial restoring force, Duffing, Erzwungene Schwingungen, 1918"
     fingerprint = "a curve over position, the same on the way in and out and at any speed"

@@ -17,6 +17,7 @@ from forefeel.common.messages import (
     Message,
     SafetyEvent,
 )
+from forefeel.common.recording.units import is_angle
 
 UNKNOWN = "–"
 ROUND_TRIP, SLOW_LIMIT, ZERO = "round_trip", "slow_limit", "zero"
@@ -115,9 +116,8 @@ def units_of(*columns: Mapping[Any, str]) -> Iterator[None]:
     """Context in which `shown_unit` and `quantity` show rad for m where all of these recordings have angles,
     and N m for N where all have torques. `columns`: as of a `Recording`, each `unit:column`.
     """
-    units = [{key: text.partition(":")[0] for key, text in recording.items()} for recording in columns]
-    angles = all(recording.get("position") in {"rad", "deg"} for recording in units)
-    torques = all(recording.get("force", "").endswith("m") for recording in units)
+    angles = all(is_angle(recording.get("position", "")) for recording in columns)
+    torques = all(recording.get("force", "").partition(":")[0].endswith("m") for recording in columns)
     before = _UNITS.set(("rad" if angles else "m", "N m" if torques else "N"))
     try:
         yield

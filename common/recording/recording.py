@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from forefeel.common.errors import RecordingError
 from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.events.console import printable
-from forefeel.common.recording.units import Quantity
+from forefeel.common.recording.units import Quantity, is_angle
 
 Array = NDArray[np.float64]
 
@@ -84,6 +84,11 @@ class Recording:
         """In one line what was taken for what; empty where the file says it itself."""
         columns = ", ".join(f"{quantity} {text}" for quantity, text in self.columns.items())
         return "; ".join(filter(None, (columns, *self.notes)))
+
+    @property
+    def rotary(self) -> bool:
+        """True where the position is an angle in rad, by the unit of its column."""
+        return is_angle(self.columns.get("position", ""))
 
     @property
     def duration_s(self) -> float:

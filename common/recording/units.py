@@ -13,6 +13,7 @@ TO_SI: dict[Quantity, dict[str, float]] = {
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "position": {
         "m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "in": 0.0254, "rad": 1.0, "deg": pi / 180.0,
+        "turn": 2.0 * pi,
     },
     "force": {
         "N": 1.0, "mN": 1e-3, "uN": 1e-6, "kN": 1e3, "gf": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216152605,
@@ -28,7 +29,7 @@ _OTHER_WORDS: dict[Quantity, dict[str, str]] = {
     "position": {
         "meter": "m", "meters": "m", "metre": "m", "millimeter": "mm", "millimeters": "mm", "micron": "um",
         "microns": "um", "inch": "in", "inches": "in", "radian": "rad", "radians": "rad", "degree": "deg",
-        "degrees": "deg", "°": "deg",
+        "degrees": "deg", "°": "deg", "turns": "turn",
     },
     "force": {"newton": "N", "newtons": "N", "g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"},
 }  # fmt: skip
@@ -41,6 +42,11 @@ def unit_of(quantity: Quantity, text: str) -> str | None:
     units = {unit.lower(): unit for unit in reversed(TO_SI[quantity])}
     exact = word if word in TO_SI[quantity] else None
     return exact or _OTHER_WORDS[quantity].get(word.lower()) or units.get(word.lower())
+
+
+def is_angle(column: str) -> bool:
+    """True if the unit of a `unit:column` is one of an angle."""
+    return column.partition(":")[0] in {"rad", "deg", "turn"}
 
 
 def parse_column(quantity: Quantity, text: str) -> tuple[str, str]:

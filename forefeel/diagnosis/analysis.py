@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 
 from forefeel.common.causes.candidate import Model, base_name
+from forefeel.common.causes.catalogue import CANDIDATES, cause_class
 from forefeel.common.causes.sensor import SensorQuantisation, SensorSpikes
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
@@ -145,7 +146,7 @@ def analyse(
     Args:
         recording: with force.
         progress: called with each stage before it starts.
-        names: the causes that are searched; by default all.
+        names: the causes that are searched; by default all. Those of an angle need a position that is one.
         parts_s: of several recordings joined to one, when each but the first begins, in s since the start.
 
     Raises:
@@ -158,6 +159,8 @@ def analyse(
     _require(regression, recording, _LEAST_ROWS)
     progress("search")
     floor = noise_floor(recording, cleaned.force_n, cleaned.clipped)
+    every = CANDIDATES if names is None else names
+    names = [name for name in every if recording.rotary or not cause_class(name).rotary]
     search = Search(regression, names, 0.0 if floor is None else _in_band_n(floor, signals))
     fit = search.run_from_several(None if floor is None else 1.5 * search.noise_n)
     for _ in range(_ROUNDS):

@@ -186,12 +186,12 @@ def _joined(recordings: Sequence[Recording]) -> tuple[Recording, tuple[float, ..
         stamps.append(recording.time_s - recording.time_s[0] + now_s)
         parts_s.append(now_s - 0.5 * _APART_S)
         now_s = float(stamps[-1][-1]) + _APART_S
-    force_n = [r.force_n for r in recordings if r.force_n is not None]
     whole = Recording(
         ", ".join(r.name for r in recordings),
         np.concatenate(stamps),
         np.concatenate([r.position_m for r in recordings]),
-        np.concatenate(force_n),
+        np.concatenate([r.force_n for r in recordings if r.force_n is not None]),
         ", ".join(r.source for r in recordings),
+        first.columns,
     )
     return whole, tuple(parts_s[1:])

@@ -34,11 +34,8 @@ from forefeel.diagnosis.verdict import Cause, Interval
 
 
 def cut(recording: Recording, part: slice | Mask) -> Recording:
-    assert recording.force_n is not None
-    return Recording(
-        recording.name, recording.time_s[part], recording.position_m[part], recording.force_n[part],
-        recording.source,
-    )  # fmt: skip
+    columns = {key: getattr(recording, key)[part] for key in ("time_s", "position_m", "force_n")}
+    return replace(recording, **columns)
 
 
 def chunks_of(recording: Recording, length_s: float) -> list[slice]:

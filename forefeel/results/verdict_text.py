@@ -173,9 +173,11 @@ def _nearest(diagnosis: Diagnosis) -> list[str]:
 
 def _cause(cause: Cause) -> list[str]:
     parameters = "; ".join(str(shown(name, value)) for name, value in cause.parameters.items())
+    values = {name: interval.value for name, interval in cause.parameters.items()}
+    described = cause_class(cause.name).described(values, plain_value)
     size = f", {quantity(cause.explained_n, 'N')} rms of the force"
     share = "; the fitted simulation has one, too" if cause.name == "bias" else size
-    return [f"{cause.name}: {parameters}", f"{words(cause.name)}{share}"]
+    return [f"{cause.name}: {parameters}", f"{words(cause.name)}{described}{share}"]
 
 
 def _extended(diagnosis: Diagnosis, given: str | None) -> str:

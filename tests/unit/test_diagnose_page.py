@@ -31,7 +31,8 @@ def rubbing() -> Diagnosed:
 def with_model(analysis: Analysis, name: str) -> Curves:
     """The analysis as if the search had ended at that one cause."""
     grid = [(1.3,)] if name == "pulsation" else CANDIDATES[name].grid(analysis.regression.extent)
-    fit = analysis.regression.fit({name: grid[len(grid) // 2]})
+    shape = grid[len(grid) // 2] if grid else ()  # this motion is too short for a weight
+    fit = analysis.regression.fit({name: shape})
     return Curves.of(replace(analysis, fit=fit), None)
 
 

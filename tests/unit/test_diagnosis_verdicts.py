@@ -1,5 +1,7 @@
 """Verdicts that say less than a name, and causes that benches have."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
@@ -7,6 +9,7 @@ from scipy.ndimage import gaussian_filter1d
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.analysis import analyse
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.extended_model import extended_model
 
@@ -134,3 +137,24 @@ def test_harmonic_of_a_creeping_motion_is_no_pulsation() -> None:
     force = 0.8 * np.tanh(np.gradient(x, t) / 5e-3) + 33.0 * x
     found = diagnose(noisy(t, x, force)).diagnosis
     assert "pulsation" not in found.suspected
+
+
+def test_weight_of_a_joint_is_named_where_the_position_is_an_angle() -> None:
+    """A link of 2.6 N m that hangs at .4 rad, moved from .2 to 2.3 rad."""
+    t, x, v, a = (each * scale for each, scale in zip(motion(100.0), (1.0, 80.0, 80.0, 80.0), strict=True))
+    joint = model(
+        body(0.2, 0.9, 0.0),
+        effect("gravity_load", sine_n=2.6 * np.cos(0.4), cosine_n=-2.6 * np.sin(0.4)),
+        effect("coulomb_friction", force_n=0.3),
+    )
+    force = joint.runtime().forces_n(t, x, v, a)
+    recording = replace(noisy(t, x, force), columns={"position": "rad:q", "force": "Nm:tau"})
+    assert analyse(replace(recording, columns={}), names=["gravity_load"]).search.names == []
+    found = diagnose(recording)
+    weight, friction = found.diagnosis.causes
+    assert (weight.name, friction.name) == ("gravity_load", "coulomb_friction")
+    sine_n, cosine_n = (weight.parameters[name].value for name in ("sine_n", "cosine_n"))
+    assert np.hypot(sine_n, cosine_n) == pytest.approx(2.6, rel=0.02)
+    assert np.arctan2(-cosine_n, sine_n) == pytest.approx(0.4, abs=0.02)
+    said = extended_model(found.analysis, "joint").runtime().forces_n(t, x, v, a)
+    assert np.std((said - force)[100:-100]) < 0.02

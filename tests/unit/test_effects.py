@@ -17,7 +17,7 @@ from forefeel.common.causes.friction import (
 )
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.motion import BAND_M_S, MotionSample
-from forefeel.common.causes.periodic import MainsHum, Pulsation
+from forefeel.common.causes.periodic import GravityLoad, MainsHum, Pulsation
 from forefeel.common.causes.sensor import (
     Bias,
     SensorDrift,
@@ -36,6 +36,7 @@ from forefeel.common.causes.wall import (
     Stiffening,
     StressRelaxation,
 )
+from forefeel.report.wording import plain_value
 
 DT = 1e-3
 
@@ -81,6 +82,7 @@ STRIBECK = StribeckFriction(coulomb_n=0.1, static_n=0.3, stribeck_velocity_m_s=0
         (ExponentialWall(exponential_n=0.05, length_m=4e-3), (0.01, 0.0, 0.0), 0.05 * (exp(2.5) - 3.5)),
         (ExponentialWall(exponential_n=0.05, length_m=4e-3), (-0.01, 0.0, 0.0), 0.05 * (exp(-2.5) + 1.5)),
         (ExponentialWall(exponential_n=1.0, length_m=1e-5), (10.0, 0.0, 0.0), exp(50.0) - 51.0),
+        (GravityLoad(sine_n=0.5, cosine_n=-2.0), (1.2, 0.0, 0.0), 0.5 * sin(1.2) - 2.0 * cos(1.2)),
         (Bias(force_n=-0.04), (0.0, 0.0, 0.0), -0.04),
         (SensorDrift(rate_n_s=1e-3), (0.0, 0.0, 0.0), 9e-3),
     ],
@@ -90,6 +92,13 @@ def test_force_is_its_closed_form(
     effect: ForceEffect, motion: tuple[float, float, float], expected_n: float
 ) -> None:
     assert stepped(effect, 9.0, *motion) == pytest.approx(expected_n, rel=1e-4)
+
+
+def test_a_weight_is_described_by_its_size_and_by_where_it_hangs_and_stands() -> None:
+    text = GravityLoad.described({"sine_n": 3.0, "cosine_n": -4.0}, plain_value)
+    assert text == ": 5 N at its farthest, it hangs at 0.93 rad and stands upright at -2.21 rad"
+    turned = GravityLoad.described({"sine_n": -2.0, "cosine_n": -1e-3}, plain_value)
+    assert turned == ": 2 N at its farthest, it hangs at 3.14 rad and stands upright at 0.00 rad"
 
 
 @pytest.mark.parametrize(

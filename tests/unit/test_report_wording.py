@@ -66,6 +66,7 @@ def test_the_unit_of_a_name_is_that_of_the_effect() -> None:
     ("position", "force", "texts"),
     [
         ("deg:a", "mNm:t", ("20 g m²", "800 ms", "7 N m/rad", "12.3 mN m")),
+        ("turn:a", "Nm:t", ("20 g m²", "800 ms", "7 N m/rad", "12.3 mN m")),
         ("rad:a", "N:f", ("20 g m", "800 ms", "7 N/rad", "12.3 mN")),
     ],
 )

@@ -24,7 +24,7 @@ FAMILIES: dict[str, tuple[str, ...]] = {
     "sensor": ("bias", "time_delay", "sensor_lag", "sensor_drift", "sensor_saturation",
                "sensor_quantisation", "sensor_spikes"),
     "periodic": ("pulsation", "mains_hum", "unmodelled_resonance"),
-    "position": ("position_map",),
+    "position": ("position_map", "gravity_load"),
     "change": ("stiffness_change",),
 }  # fmt: skip
 _FAMILY = {name: family for family, names in FAMILIES.items() for name in names}
