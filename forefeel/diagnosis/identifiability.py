@@ -24,7 +24,7 @@ _NOISE = 1.2  # times an estimate of it
 _RINGING = 0.2  # of the speed: 0.09 of a jump (Gibbs), which is twice the speed where a stroke turns
 
 _SEPARATING = {
-<<<<<<< HEAD
+    "angles": NextMotion("strokes, slow and fast, over as much of a turn as can be had", 40.0),
     "speeds": NextMotion("strokes from well below to well above the slowest so far, 0.1 to 10 mm/s", 60.0),
     "amplitudes": NextMotion(
         "strokes of several amplitudes at one speed, some below the width in question", 40.0
@@ -35,17 +35,6 @@ _SEPARATING = {
     "depths": NextMotion("the same strokes, slow and fast, to several depths", 40.0),
     "stillness": NextMotion("a hold of 20 s at one position", 20.0),
     "repetition": NextMotion("the same positions again, later", 30.0),
-=======
-    "angles": NextMotion("strokes, slow and fast, over as much of a turn as can be had", 40.0),
-    "speeds": "strokes at speeds from well below to well above the slowest so far, 0.1 to 10 mm/s",
-    "amplitudes": "strokes of several amplitudes at one speed, some shorter than the width in question",
-    "frequencies": "sines of one amplitude at three or more frequencies, 0.5 to 15 Hz",
-    "no load": "a step, a hold of 30 s, then back to no load for 30 s",
-    "rates": "the same stroke at three speeds",
-    "depths": "the same strokes, slow and fast, to several depths",
-    "stillness": "a hold of 20 s at one position",
-    "repetition": "the same positions again, later",
->>>>>>> angle
 }
 """Motions that tell causes apart, by the words of their `told_by`."""
 RIVALS_AT_ONE_SPEED = PreslidingHysteresis.name, StressRelaxation.name, SensorLag.name
