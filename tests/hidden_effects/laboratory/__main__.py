@@ -1,4 +1,4 @@
-"""`python -m tests.hidden_effects.laboratory`: `write` recordings, `ask` the diagnosis, `score` its answers."""
+"""`python -m tests.hidden_effects.laboratory`: `write` recordings, `ask` about them, `score` the answers."""
 
 import argparse
 import json
@@ -24,10 +24,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
             seed = options.seed + i // len(KINDS)
             written(options.folder / f"{i:04d}_{kind}_{seed}", draw(kind, seed))
     elif options.command == "ask":
-        from tests.hidden_effects.laboratory.ask import answers  # noqa: PLC0415 - imports the product
+        from tests.hidden_effects.laboratory.ask import answers  # imports the product
 
-        found = answers(folders, options.jobs, options.product)
-        options.answers.write_text(json.dumps(found, indent=1))
+        found = json.loads(options.answers.read_text()) if options.answers.exists() else []
+        known = {answer["name"] for answer in found}
+        left = [folder for folder in folders if folder.name not in known]
+        for answer in answers(left, options.jobs, options.product):
+            found.append(answer)
+            options.answers.write_text(json.dumps(found, indent=1))
     else:
         told = {answer["name"]: answer for answer in json.loads(options.answers.read_text())}
         pairs = [(_truth(folder), told[folder.name]) for folder in folders if folder.name in told]
@@ -62,7 +66,7 @@ def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
     write.add_argument("folder", type=Path)
     write.add_argument("--seed", type=int, default=0, help="first seed of each kind")
     write.add_argument("--count", type=int, default=200)
-    ask = commands.add_parser("ask", help="diagnose every a.csv")
+    ask = commands.add_parser("ask", help="diagnose every a.csv that has no answer yet")
     ask.add_argument("folder", type=Path)
     ask.add_argument("answers", type=Path)
     ask.add_argument("--jobs", type=int, default=1, help="processes")

@@ -1,7 +1,9 @@
 """Recordings put to whichever forefeel is importable; the only module here that imports the product."""
 
 import sys
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -14,20 +16,21 @@ NAMED = ("cause_found", "partly_explained")
 _SCHEMA = "forefeel.model/1"
 
 
-def answers(folders: list[Path], jobs: int, product: Path | None) -> list[dict[str, Any]]:
+def answers(folders: list[Path], jobs: int, product: Path | None) -> Iterator[dict[str, Any]]:
     """The answer to each folder's a.csv, in their order; `product`: the checkout to ask."""
     one = partial(answered, product=product)
     if jobs == 1:
-        return [one(folder) for folder in folders]
+        yield from map(one, folders)
+        return
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        return list(pool.map(one, folders))
+        yield from pool.map(one, folders)
 
 
 def answered(folder: Path, product: Path | None = None) -> dict[str, Any]:
     """What is said of one recording; an exception is an answer, too."""
     if product is not None and sys.path[0] != str(product):
         sys.path.insert(0, str(product))
-    import forefeel as ff  # noqa: PLC0415 - the checkout is only known here
+    import forefeel as ff  # the checkout is only known here
 
     start = process_time()
     answer: dict[str, Any] = {"name": folder.name}
@@ -104,11 +107,9 @@ def _carried(ff: Any, found: Any, first: Any, folder: Path) -> dict[str, Any]:  
     return {**gains, "left_b_n": there[1], "sense": sense}
 
 
-def _ahead(ff: Any, found: Any, first: Any, folder: Path) -> dict[str, Any]:  # noqa: ANN401, ARG001
-    """rms 300 ms ahead: of the newest late force, and of the predictor without and with the extended model."""
-    from dataclasses import replace  # noqa: PLC0415
-
-    from forefeel.diagnosis.prediction import across_delay  # noqa: PLC0415 - of the checkout that is asked
+def _ahead(_: Any, found: Any, first: Any, __: Path) -> dict[str, Any]:  # noqa: ANN401
+    """rms 300 ms ahead: of the newest late force, of the predictor without and with the extended model."""
+    from forefeel.diagnosis.prediction import across_delay  # of the checkout that is asked
 
     sense = found.details.analysis.regression.sense
     across = across_delay(replace(first, force_n=sense * first.force_n), found.model.contact)

@@ -209,7 +209,8 @@ def control(rng: Rng) -> World:
     parts = [{"": mass * m.a + damping * m.v + stiffness * m.x + tare} for m in motions]
     return World(
         f"{form}, {travel * 1e3:.3g} mm", rate_hz, motions, (parts[0], parts[1]),
-        log_uniform(rng, 0.005, 0.05), 0.0, log_uniform(rng, 1e-8, 1e-6), sense=sense_of(rng), base=(mass, damping, stiffness),
+        log_uniform(rng, 0.005, 0.05), 0.0, log_uniform(rng, 1e-8, 1e-6), sense=sense_of(rng),
+        base=(mass, damping, stiffness),
     )  # fmt: skip
 
 
@@ -219,19 +220,13 @@ def outside(rng: Rng) -> World:
     travel, leg_s, hand = log_uniform(rng, 2e-3, 40e-3), log_uniform(rng, 0.3, 1.5), bool(rng.random() < 0.5)
     motions = two_motions(lambda: 0.5 * travel * strokes(rng, t, (leg_s, 3.0 * leg_s), 0.4, hand), t, 0.05)
     m, half = motions[0], 0.55 * travel
-    what = str(
-        rng.choice(["warming friction", "detent", "preisach", "second axis", "yielding", "bumps in and out"])
-    )
-    stiffness, share, own = (
-        log_uniform(rng, 20.0, 3000.0),
-        log_uniform(rng, 0.4, 2.0),
-        int(rng.integers(2**31)),
-    )
+    kinds = ("warming friction", "detent", "preisach", "second axis", "yielding", "bumps in and out")
+    what = str(rng.choice(kinds))
+    stiffness, share = log_uniform(rng, 20.0, 3000.0), log_uniform(rng, 0.4, 2.0)
+    own = int(rng.integers(2**31))
     base = stiffness * std(m.x)
-    damping, mass = (
-        base / std(m.v) * log_uniform(rng, 0.05, 0.5),
-        base / std(m.a) * log_uniform(rng, 0.01, 0.3),
-    )
+    damping = base / std(m.v) * log_uniform(rng, 0.05, 0.5)
+    mass = base / std(m.a) * log_uniform(rng, 0.01, 0.3)
 
     def other(m: Motion, run: int) -> Array:
         same, fresh, count = np.random.default_rng(own), np.random.default_rng((own, run)), 14

@@ -31,7 +31,8 @@ def pull(rng: Rng) -> World:
     def force(m: Motion) -> Array:
         s = np.maximum(m.x / travel, 0.0)
         shapes = {"linear": s, "stiffening": s + bend * s**3,
-                  "toe": np.logaddexp(0.0, 8.0 * k * (s - 0.3)) / k, "softening": (1.0 - np.exp(-bend * s)) / bend,
+                  "toe": np.logaddexp(0.0, 8.0 * k * (s - 0.3)) / k,
+                  "softening": (1.0 - np.exp(-bend * s)) / bend,
                   "yield": np.minimum(s, 0.3 + 0.03 * k * (s - 0.3))}  # fmt: skip
         if curve == "relaxation":
             shapes[curve] = s + forces.relaxing(m, [(bend / travel, tau_s) for tau_s in taus_s])
@@ -90,17 +91,21 @@ def ramp_hold(rng: Rng) -> World:
 
     motions = two_motions(path, t, 2.0 / rate_hz)
     keys = ("stiffness_n_m", "time_constant_s") if len(branches) == 1 else ()
-    single = [("stress_relaxation", key, value) for branch in branches for key, value in zip(keys, branch)]
+    single = [
+        ("stress_relaxation", key, value)
+        for branch in branches
+        for key, value in zip(keys, branch, strict=False)
+    ]
     return World(
         f"{count} ramps of {ramp_s:.3g} s, {len(branches)} branches, drift {drift_n_s:.2g} N/s", rate_hz,
-        motions, (parts(motions[0]), parts(motions[1])), log_uniform(rng, 0.001, 0.02), log_uniform(rng, 0.005, 0.04),
-        log_uniform(rng, 1e-7, 5e-6), rough=log_uniform(rng, 1e-7, 5e-6), sense=sense_of(rng),
+        motions, (parts(motions[0]), parts(motions[1])), log_uniform(rng, 0.001, 0.02),
+        log_uniform(rng, 0.005, 0.04), log_uniform(rng, 1e-7, 5e-6), rough=log_uniform(rng, 1e-7, 5e-6), sense=sense_of(rng),
         base=(None, None, stiffness), parameters=tuple(single),
     )  # fmt: skip
 
 
 def creep(rng: Rng) -> World:
-    """Steps of a force that a controller holds; the position creeps. A relaxing branch is its exact inverse."""
+    """Steps of a force that a controller holds; the position creeps, as the inverse of relaxing branches."""
     rate_hz, t = grid(rng, (5.0, 100.0), (60.0, 1800.0))
     law = str(rng.choice(["kelvin", "burgers", "logarithmic"]))
     stiffness, most_n = log_uniform(rng, 200.0, 20e3), log_uniform(rng, 0.5, 100.0)
@@ -184,6 +189,7 @@ def palpation(rng: Rng) -> World:
     both = (parts(motions[0]), parts(motions[1]))
     return World(
         f"{travel * 1e3:.3g} mm, contact {'lost' if leaves else 'kept'}, {len(branches)} branches", rate_hz,
-        motions, both, log_uniform(rng, 0.005, 0.04), log_uniform(rng, 0.01, 0.08), log_uniform(rng, 1e-6, 3e-5),
+        motions, both, log_uniform(rng, 0.005, 0.04), log_uniform(rng, 0.01, 0.08),
+        log_uniform(rng, 1e-6, 3e-5),
         sense=sense_of(rng), allowed=("stiffening", "contact_loss") if leaves or bend else (),
     )  # fmt: skip

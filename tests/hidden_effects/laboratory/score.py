@@ -41,34 +41,35 @@ def judge(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> Judged:
 
 
 def _class(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> tuple[str, str]:
-    verdict, hidden = answer["verdict"], truth["hidden"] > _HIDDEN
+    verdict, causes = answer["verdict"], [c for c in answer["causes"] if c["name"] != "bias"]
     if verdict in ("refused", "exception"):
         return verdict, answer["error"]
-    good, causes = accepted(truth), [c for c in answer["causes"] if c["name"] != "bias"]
-    if verdict in NAMED and not causes:
-        verdict = "nothing_missing"
-    if verdict in EMPTY and verdict not in truth["allowed"]:
-        if hidden or verdict == "not_driven_by_this_axis":
-            return "false", f"{verdict}, where {truth['hidden']:.1%} is hidden"
-        return "right", verdict
+    if verdict in NAMED and causes:
+        return _named(truth, answer, causes)
     if verdict in truth["allowed"]:
         return "right", verdict
-    if verdict in NAMED:
-        return _named(truth, answer, good, causes)
-    rivals = [rival for rival in answer["rivals"] if rival and set(rival) <= good]
+    if verdict in (*EMPTY, *NAMED):  # with a bias alone, the simulation is said to be complete
+        false = truth["hidden"] > _HIDDEN or verdict == "not_driven_by_this_axis"
+        return ("false" if false else "right"), f"{verdict}, where {truth['hidden']:.1%} is hidden"
+    return _abstained(truth, answer), f"{verdict} {' | '.join('+'.join(rival) for rival in answer['rivals'])}"
+
+
+def _abstained(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> str:
+    if truth["outside"]:
+        return "right"
     if not truth["separable"]:
-        right = verdict == "unexplained" or bool(rivals)
-        return ("right" if right else "partly"), f"{verdict} {_joined(answer['rivals'])}"
-    if truth["outside"] or not truth["names"]:
-        return ("right" if truth["outside"] else "timid"), verdict
-    above = truth["names"][0][1] * truth["force_n"] > _ABOVE * np.hypot(truth["left_n"], truth["noise_n"])
-    return ("timid" if above else "honest"), f"{verdict} {_joined(answer['rivals'])}"
+        good = accepted(truth)
+        rival = any(rival and set(rival) <= good for rival in answer["rivals"])
+        return "right" if answer["verdict"] == "unexplained" or rival else "partly"
+    rest = np.hypot(truth["left_n"], truth["noise_n"])
+    largest = truth["names"][0][1] * truth["force_n"] if truth["names"] else 0.0
+    return "timid" if largest > _ABOVE * rest or truth["kind"] == "control" else "honest"
 
 
 def _named(
-    truth: Mapping[str, Any], answer: Mapping[str, Any], good: set[str], causes: Sequence[Mapping[str, Any]]
+    truth: Mapping[str, Any], answer: Mapping[str, Any], causes: Sequence[Mapping[str, Any]]
 ) -> tuple[str, str]:
-    names = [cause["name"] for cause in causes]
+    names, good = [cause["name"] for cause in causes], accepted(truth)
     total = sum(max(cause["gain_n"], 0.0) for cause in causes) or 1.0
     wrong = [c["name"] for i, c in enumerate(causes) if c["name"] not in good
              and (i == 0 or c["gain_n"] > _MINOR * total)]  # fmt: skip
@@ -157,7 +158,3 @@ def _cells(some: Sequence[Judged]) -> list[str]:
 def _ratio(hits: Iterable[bool]) -> str:
     counted = list(hits)
     return f"{sum(counted)}/{len(counted)}" if counted else "-"
-
-
-def _joined(rivals: Iterable[Iterable[str]]) -> str:
-    return " | ".join("+".join(rival) for rival in rivals)
