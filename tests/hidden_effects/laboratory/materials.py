@@ -99,8 +99,8 @@ def ramp_hold(rng: Rng) -> World:
     return World(
         f"{count} ramps of {ramp_s:.3g} s, {len(branches)} branches, drift {drift_n_s:.2g} N/s", rate_hz,
         motions, (parts(motions[0]), parts(motions[1])), log_uniform(rng, 0.001, 0.02),
-        log_uniform(rng, 0.005, 0.04), log_uniform(rng, 1e-7, 5e-6), rough=log_uniform(rng, 1e-7, 5e-6), sense=sense_of(rng),
-        base=(None, None, stiffness), parameters=tuple(single),
+        log_uniform(rng, 0.005, 0.04), log_uniform(rng, 1e-7, 5e-6), rough=log_uniform(rng, 1e-7, 5e-6),
+        sense=sense_of(rng), base=(None, None, stiffness), parameters=tuple(single),
     )  # fmt: skip
 
 
