@@ -98,25 +98,25 @@ def chirp(rng: Rng) -> World:
     damping = stiffness * std(m.x) / std(m.v) * log_uniform(rng, 0.1, 1.0)
     effect = str(rng.choice(["coulomb_friction", "stress_relaxation", "stiffening", "hunt_crossley_damping",
                              "asymmetric_damping", "play", "time_delay", ""]))  # fmt: skip
-    share, tau_s, delay_s = (
-        log_uniform(rng, 0.15, 1.0),
-        log_uniform(rng, 0.1, 3.0),
-        rng.uniform(0.2, 1.5) / rate_hz,
-    )
-    gap, base = size * log_uniform(rng, 0.05, 0.5), stiffness * std(m.x)
+    tau_s, delay_s = log_uniform(rng, 0.1, 3.0), rng.uniform(0.2, 1.5) / rate_hz
+    gap = size * log_uniform(rng, 0.05, 0.5)
+    shapes: dict[str, Callable[[Motion], Array]] = {
+        "coulomb_friction": lambda m: forces.bristle(m.x, 2e-3 * size),
+        "stress_relaxation": lambda m: forces.maxwell(m, tau_s),
+        "stiffening": lambda m: m.x**3,
+        "hunt_crossley_damping": lambda m: np.maximum(m.x, 0.0) * m.v,
+        "asymmetric_damping": lambda m: np.maximum(m.v, 0.0),
+    }
+
+    def linear(m: Motion) -> Array:
+        return mass * m.a + damping * m.v + stiffness * m.x
+
+    amount = log_uniform(rng, 0.1, 0.7) * std(linear(m)) / std(shapes[effect](m)) if effect in shapes else 0.0
 
     def parts(m: Motion) -> Parts:
-        found = {"": mass * m.a + damping * m.v + stiffness * m.x}
-        if effect == "coulomb_friction":
-            found[effect] = share * base * forces.bristle(m.x, 2e-3 * size)
-        elif effect == "stress_relaxation":
-            found[effect] = stiffness * (0.5 + share) * forces.maxwell(m, tau_s)
-        elif effect == "stiffening":
-            found[effect] = 2.0 * share * stiffness * m.x**3 / size**2
-        elif effect == "hunt_crossley_damping":
-            found[effect] = 3.0 * share * damping * np.maximum(m.x, 0.0) * m.v / size
-        elif effect == "asymmetric_damping":
-            found[effect] = 2.0 * share * damping * np.maximum(m.v, 0.0)
+        found = {"": linear(m)}
+        if effect in shapes:
+            found[effect] = amount * shapes[effect](m)
         elif effect == "play":
             behind = moved(m.t, forces.played(m.x, gap), 0.02)
             found[effect] = damping * (behind.v - m.v) + stiffness * (behind.x - m.x)
@@ -124,10 +124,11 @@ def chirp(rng: Rng) -> World:
             found[effect] = np.interp(m.t - delay_s, m.t, found[""]) - found[""]
         return found
 
-    exact = {"coulomb_friction": [(effect, "forward_n", share * base), (effect, "backward_n", share * base)],
-             "stress_relaxation": [(effect, "time_constant_s", tau_s)], "play": [(effect, "width_m", gap)],
-             "stiffening": [(effect, "cubic_n_m3", 2.0 * share * stiffness / size**2)],
-             "time_delay": [(effect, "delay_s", delay_s)]}.get(effect, [])  # fmt: skip
+    keys = {"coulomb_friction": ("forward_n", "backward_n"), "stress_relaxation": ("stiffness_n_m",),
+            "stiffening": ("cubic_n_m3",), "hunt_crossley_damping": ("damping_n_s_m2",)}  # fmt: skip
+    exact = [(effect, key, amount) for key in keys.get(effect, ())]
+    exact += {"stress_relaxation": [(effect, "time_constant_s", tau_s)], "play": [(effect, "width_m", gap)],
+              "time_delay": [(effect, "delay_s", delay_s)]}.get(effect, [])  # fmt: skip
     also = {"coulomb_friction": RUBS, "time_delay": ("sensor_lag",), "play": ("backlash",),
             "hunt_crossley_damping": ("asymmetric_damping",)}.get(effect, ())  # fmt: skip
     return World(

@@ -46,9 +46,8 @@ def pull(rng: Rng) -> World:
         ({"": line, name: part - line} if name else {"": line})
         for line, part in zip(lines, full, strict=True)
     ]
-    also = (
-        ("stiffening", "stress_relaxation", "contact_loss") if name else ("nothing_missing", "nothing_found")
-    )
+    also = {"linear": ("nothing_missing", "nothing_found"), "toe": ("contact_loss",),
+            "stiffening": ()}.get(curve, ("stiffening", "stress_relaxation"))  # fmt: skip
     return World(
         f"{curve}, {travel * 1e3:.3g} mm in {t[-1]:.3g} s, to {most_n:.3g} N", rate_hz, motions,
         (parts[0], parts[1]), log_uniform(rng, 0.0005, 0.01), log_uniform(rng, 0.002, 0.03),

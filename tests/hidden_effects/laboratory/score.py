@@ -59,7 +59,7 @@ def _abstained(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> str:
         return "right"
     if not truth["separable"]:
         good = accepted(truth)
-        rival = any(rival and set(rival) <= good for rival in answer["rivals"])
+        rival = any(good.intersection(rivals) for rivals in answer["rivals"])
         return "right" if answer["verdict"] == "unexplained" or rival else "partly"
     rest = np.hypot(truth["left_n"], truth["noise_n"])
     largest = truth["names"][0][1] * truth["force_n"] if truth["names"] else 0.0
