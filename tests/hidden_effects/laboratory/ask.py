@@ -36,7 +36,11 @@ def answered(folder: Path, product: Path | None = None) -> dict[str, Any]:
     answer: dict[str, Any] = {"name": folder.name}
     try:
         first = ff.load(folder / "a.csv")
-        found = ff.diagnose(first)
+        try:
+            found = ff.diagnose(first)
+        except ff.UnclearError as error:  # a rate or a force that is true
+            answer["asked"] = str(error)
+            found = ff.diagnose(first, as_is=True)
     except Exception as error:  # noqa: BLE001 - whatever goes wrong is counted
         verdict = "refused" if isinstance(error, ff.ForefeelError) else "exception"
         return {**answer, "verdict": verdict, "error": f"{type(error).__name__}: {error}", "causes": []}

@@ -154,12 +154,8 @@ def through_a_seal(rng: Rng) -> World:
     m = motions[0]
     rubbing = log_uniform(rng, 0.1, 20.0)
     rubs, force = _friction(rng, m, rubbing, travel)
-    stiffness = (
-        rubbing
-        * log_uniform(rng, 0.1, 2.0)
-        / std(m.x)
-        * float(rng.choice([1.0, -1.0, 0.0], p=[0.5, 0.35, 0.15]))
-    )
+    side = float(rng.choice([1.0, -1.0, 0.0], p=[0.5, 0.35, 0.15]))
+    stiffness = side * rubbing * log_uniform(rng, 0.1, 5.0) / std(m.x)
     damping, mass = rubbing * log_uniform(rng, 0.02, 0.5) / std(m.v), log_uniform(rng, 0.02, 1.5)
     weight = rubbing * rng.normal() * 2.0
     bent = stiffness * rng.uniform(-1.0, 1.5) / travel**2 * (rng.random() < 0.3)
