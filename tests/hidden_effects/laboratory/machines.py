@@ -43,13 +43,14 @@ def joint(rng: Rng) -> World:
     offset = float(rng.choice([0.0, pi, rng.uniform(-pi, pi)], p=[0.35, 0.3, 0.35]))
     form = str(rng.choice(["multisine", "moves", "chirp", "ramps"]))
     top_hz, leg_s = log_uniform(rng, 0.5, 4.0), log_uniform(rng, 0.5, 2.5)
+    spread = float(rng.choice([1.1, 3.0]))  # many programs repeat one speed
 
     def path() -> Array:
         if form == "multisine":
             return home + size * multisine(rng, t, 0.1, top_hz)
         if form == "chirp":
             return home + size * chirped(rng, t, 0.1, top_hz, 1.0)
-        return home + size * strokes(rng, t, (leg_s, 3.0 * leg_s), 0.6 if form == "moves" else 0.0, False)
+        return home + size * strokes(rng, t, (leg_s, spread * leg_s), 0.6 if form == "moves" else 0.0, False)
 
     motions = two_motions(path, t, log_uniform(rng, 0.08, 0.3))
     m = motions[0]
@@ -77,7 +78,7 @@ def joint(rng: Rng) -> World:
     also = ("stiffening", "position_map", *RUBS, *(("position_dependent_friction",) if loaded else ()))
     return World(
         words, rate_hz, motions, (parts(m), parts(motions[1])), log_uniform(rng, 0.005, 0.05),
-        log_uniform(rng, 0.005, 0.08), log_uniform(rng, 1e-5, 1e-3), angular=True, sense=sense_of(rng),
+        log_uniform(rng, 0.012, 0.08), log_uniform(rng, 1e-5, 1e-3), angular=True, sense=sense_of(rng),
         allowed=also[:2] if bare else also, base=(inertia, viscous, None), numbers=numbers,
     )  # fmt: skip
 
@@ -133,7 +134,7 @@ def chirp(rng: Rng) -> World:
             "hunt_crossley_damping": ("asymmetric_damping",)}.get(effect, ())  # fmt: skip
     return World(
         f"chirp to {top_hz:.3g} Hz, {size * 1e3:.3g} mm, {effect or 'nothing'}", rate_hz, (m, motions[1]),
-        (parts(m), parts(motions[1])), log_uniform(rng, 0.005, 0.05), log_uniform(rng, 0.005, 0.08),
+        (parts(m), parts(motions[1])), log_uniform(rng, 0.005, 0.05), log_uniform(rng, 0.012, 0.08),
         log_uniform(rng, 1e-7, 2e-5), sense=sense_of(rng), allowed=also, base=(mass, damping, stiffness),
         parameters=tuple(exact),
     )  # fmt: skip
@@ -144,10 +145,10 @@ def through_a_seal(rng: Rng) -> World:
     rate_hz, t = grid(rng, (50.0, 1000.0), (10.0, 80.0))
     hand, travel = bool(rng.random() < 0.5), log_uniform(rng, 2e-3, 60e-3)
     leg_s, shakes = log_uniform(rng, 0.2, 1.5), log_uniform(rng, 10e-6, 150e-6) if hand else 0.0
-    rests = rng.uniform(0.0, 0.6)
+    rests, spread = rng.uniform(0.0, 0.6), float(rng.choice([1.2, 4.0]))
 
     def path() -> Array:
-        x = 0.5 * travel * strokes(rng, t, (leg_s, 4.0 * leg_s), rests, hand)
+        x = 0.5 * travel * strokes(rng, t, (leg_s, spread * leg_s), rests, hand)
         return x + tremor(rng, t, shakes) if hand else x
 
     motions = two_motions(path, t, 0.03 if hand else log_uniform(rng, 0.02, 0.1))
@@ -182,7 +183,7 @@ def through_a_seal(rng: Rng) -> World:
     words += f"k {stiffness:.2g} N/m, weight {weight:.2g} N"
     return World(
         words, rate_hz, motions, (parts(m), parts(motions[1])), log_uniform(rng, 0.005, 0.05),
-        log_uniform(rng, 0.005, 0.08), log_uniform(rng, 1e-6, 3e-5), sense=sense_of(rng), allowed=RUBS,
+        log_uniform(rng, 0.012, 0.08), log_uniform(rng, 1e-6, 3e-5), sense=sense_of(rng), allowed=RUBS,
         base=(mass, damping, None if bent else stiffness), parameters=tuple(exact),
     )  # fmt: skip
 
@@ -250,6 +251,6 @@ def outside(rng: Rng) -> World:
             "bumps in and out": ("position_map",)}[what]  # fmt: skip
     return World(
         f"{what}, {travel * 1e3:.3g} mm", rate_hz, motions, (parts[0], parts[1]),
-        log_uniform(rng, 0.005, 0.05), log_uniform(rng, 0.005, 0.08), log_uniform(rng, 1e-6, 2e-5),
+        log_uniform(rng, 0.005, 0.05), log_uniform(rng, 0.012, 0.08), log_uniform(rng, 1e-6, 2e-5),
         sense=sense_of(rng), allowed=also, outside=True,
     )  # fmt: skip

@@ -155,11 +155,12 @@ def palpation(rng: Rng) -> World:
     rate_hz, t = grid(rng, (100.0, 1000.0), (10.0, 40.0))
     travel, leg_s = log_uniform(rng, 3e-3, 20e-3), log_uniform(rng, 0.2, 1.2)
     rests, shakes = rng.uniform(0.1, 0.7), log_uniform(rng, 10e-6, 100e-6)
+    spread = float(rng.choice([1.3, 3.0]))
     leaves = bool(rng.random() < 0.75)
     surface = travel * (rng.uniform(-0.4, 0.15) if leaves else -0.7)
 
     def path() -> Array:
-        x = 0.5 * travel * strokes(rng, t, (leg_s, 3.0 * leg_s), rests, True, back=True)
+        x = 0.5 * travel * strokes(rng, t, (leg_s, spread * leg_s), rests, True, back=True)
         return x + tremor(rng, t, shakes)
 
     motions = two_motions(path, t, 0.03)
@@ -188,7 +189,7 @@ def palpation(rng: Rng) -> World:
     both = (parts(motions[0]), parts(motions[1]))
     return World(
         f"{travel * 1e3:.3g} mm, contact {'lost' if leaves else 'kept'}, {len(branches)} branches", rate_hz,
-        motions, both, log_uniform(rng, 0.005, 0.04), log_uniform(rng, 0.01, 0.08),
+        motions, both, log_uniform(rng, 0.005, 0.04), log_uniform(rng, 0.02, 0.08),
         log_uniform(rng, 1e-6, 3e-5),
         sense=sense_of(rng), allowed=("stiffening", "contact_loss") if leaves or bend else (),
     )  # fmt: skip
