@@ -119,9 +119,9 @@ class Judge:
         if less is not None:
             return self._diagnosis(*less, suspected=names)
         if self.fit.model or self.faults:
-            much = self.floor_n is not None and self.residual_n > _TIMES_THE_NOISE * self.floor_n
-            partly = self._causes_of_model and (self._structure_left or much)
-            if partly:
+            noise_n = max(_TIMES_THE_NOISE * (self.floor_n or 0.0), _OF_FORCE * self.force_n)
+            much = self.floor_n is not None and self.residual_n > noise_n
+            if self._causes_of_model and (self._structure_left or much):
                 return self._diagnosis("partly_explained", following_motion(self._follows), suspected=names)
             return self._diagnosis("cause_found", suspected=names)
         if self.floor_n is None:

@@ -27,7 +27,10 @@ FLAGS = {
     "force_is_the_reaction": "force and position count in opposite directions here; signs were turned",
 }
 _ALIKE = 0.05  # two errors ahead that differ by less of them are alike
-_LEFT_OUT = "The simulation leaves out the causes below, the largest first."
+_CAUSES_BELOW = {
+    "cause_found": "The simulation leaves out the causes below, the largest first.",
+    "partly_explained": "The simulation leaves out the causes below, and more that none of the known ones explains.",
+}
 _VERDICT_TEXT = {
     "nothing_missing": "Nothing is missing: mass, damper and spring explain the force{}.",
     "nothing_found": (
@@ -86,7 +89,7 @@ def answer(
     recording: Recording, diagnosis: Diagnosis, across: "Across | str | None", given: str | None = None
 ) -> list[str]:
     """Lines for the terminal: recording, verdict, those of `answer_lines`, disclaimer."""
-    told = _LEFT_OUT if diagnosis.verdict == "cause_found" else None
+    told = _CAUSES_BELOW.get(diagnosis.verdict)
     with units_of(recording.columns):
         return [
             f"{printable(recording.name)}: {len(recording)} samples, {recording.duration_s:.1f} s, "
@@ -117,7 +120,7 @@ def answer_lines(
         ("Elsewhere", _elsewhere(diagnosis.other_motion)),
         ("Predicted", _predicted(diagnosis, across) if extended else []),
         ("Model", _model(diagnosis)),
-        *(("Caution", [text]) for text in _unknown(diagnosis)),
+        *(("Caution", [text]) for text in (*_times_the_noise(diagnosis), *_unknown(diagnosis))),
         *(("Caution", [FLAGS.get(flag, flag.replace("_", " "))]) for flag in diagnosis.flags),
         ("Next", next_steps(diagnosis, across)),
     ]
@@ -195,15 +198,13 @@ def _extended(diagnosis: Diagnosis, given: str | None) -> str:
 
 
 def _follows(diagnosis: Diagnosis) -> list[str]:
-    """Line on the variables that what is left follows; empty where that is no structure."""
+    """Lines on how much is left and the variables that it follows; empty where that is no structure."""
     if not diagnosis.follows:
         return []
     first, *more = (f"{of.variable} {100.0 * of.share:.0f} %" for of in diagnosis.follows)
-    also = f"; also {', '.join(more)}" if more else ""
-    place = " to ".join(
-        quantity(end, "m") for end in (diagnosis.follows[0].low_m, diagnosis.follows[0].high_m)
-    )
-    return [f"what is left follows {first}{also}; most of it at {place}"]
+    low, high = (quantity(end, "m") for end in (diagnosis.follows[0].low_m, diagnosis.follows[0].high_m))
+    left = f"the {quantity(diagnosis.held_out.rmse_after_n, 'N')} that are left follow {first}"
+    return [f"{left}; most of it at {low} to {high}", *([f"then {', '.join(more)}"] if more else [])]
 
 
 def _would_show(diagnosis: Diagnosis) -> list[str]:
@@ -259,6 +260,14 @@ def _model(diagnosis: Diagnosis) -> list[str]:
         for name, of in model.intervals.items()
     )
     return [equation(diagnosis), values] if values else []
+
+
+def _times_the_noise(diagnosis: Diagnosis) -> list[str]:
+    """Caution where causes are named and more than three times the noise is left."""
+    floor_n, left_n = diagnosis.noise_floor_n, diagnosis.held_out.rmse_after_n
+    if not diagnosis.names_causes or not floor_n or left_n < 3.0 * floor_n:
+        return []
+    return [f"{left_n / floor_n:.0f} times the noise are left: something is missing beside what is named"]
 
 
 def _unknown(diagnosis: Diagnosis) -> list[str]:

@@ -13,7 +13,7 @@ from forefeel.common.causes.registry import OWN
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose
 from forefeel.diagnosis.prediction import Across
-from forefeel.diagnosis.verdict import Cause, Interval, ModelError
+from forefeel.diagnosis.verdict import Cause, Interval, ModelError, NextMotion
 from forefeel.results.curves import Curves, response, share_of, strokes
 from forefeel.results.page import render_page, worst_stretch
 from forefeel.results.pictures import Component, picture, sensor_picture
@@ -48,7 +48,7 @@ def test_page_shows_each_cause_and_escapes_names(rubbing: Diagnosed) -> None:
 def test_rivals_are_listed_and_not_named_as_cause(rubbing: Diagnosed) -> None:
     less = replace(
         rubbing.diagnosis, verdict="not_separable", causes=(), rivals=(("coulomb_friction", "backlash"),),
-        suggested_motion="strokes of several amplitudes",
+        next_motion=NextMotion("strokes of several amplitudes", 40.0),
     )  # fmt: skip
     recording = rubbing.analysis.recording
     page, lines = (

@@ -83,7 +83,7 @@ def test_a_mass_on_a_spring_that_answers_a_step_lacks_nothing(way: float) -> Non
 def test_a_rig_that_does_not_come_back_is_not_explained() -> None:
     found = diagnosed(stepped(1.0, rubbing_n=0.3))
     assert found.verdict == "unexplained"
-    assert found.suggested_motion
+    assert found.next_motion
 
 
 @pytest.mark.parametrize("seed", range(30))
@@ -98,7 +98,7 @@ def test_pull_with_a_noisy_extensometer_has_rivals_and_no_cause() -> None:
     f = 80.0 * np.tanh(t / 20.0) + rng.normal(0.0, 0.5, len(t))
     found = diagnosed(Recording("pull", t, 1e-5 * t + rng.normal(0.0, 3e-6, len(t)), f, "pull.csv"))
     assert (found.verdict, found.causes, found.rivals) == ("not_separable", (), (RIVALS_AT_CONSTANT_SPEED,))
-    assert found.suggested_motion == MOTION_AFTER_CONSTANT_SPEED
+    assert found.next_motion == MOTION_AFTER_CONSTANT_SPEED
 
 
 @pytest.mark.parametrize("noise_m", [0.0, 3e-5])
