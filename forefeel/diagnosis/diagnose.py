@@ -15,6 +15,7 @@ from forefeel.diagnosis.analysis import Analysis, Progress, analyse
 from forefeel.diagnosis.closed_loop import FLAG as FEEDS_THE_MOTION
 from forefeel.diagnosis.closed_loop import feeds_the_motion
 from forefeel.diagnosis.expected_gain import with_expectation
+from forefeel.diagnosis.identifiability import MOTION_AFTER_CONSTANT_SPEED, RIVALS_AT_CONSTANT_SPEED
 from forefeel.diagnosis.judge import SLOW, judged
 from forefeel.diagnosis.long_recording import FLAG, analyse_long, is_long
 from forefeel.diagnosis.residual import predictable_share
@@ -100,6 +101,8 @@ def _weighed(analysis: Analysis, progress: Progress) -> tuple[Diagnosis, Analysi
         )
     progress("trust")
     diagnosis, analysis = judged(analysis)
+    if diagnosis.rivals == (RIVALS_AT_CONSTANT_SPEED,):
+        diagnosis = replace(diagnosis, suggested_motion=MOTION_AFTER_CONSTANT_SPEED)
     return with_expectation(replace(diagnosis, look=analysis.regression.look), analysis), analysis
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from forefeel.common.causes.catalogue import cause_class
 from forefeel.common.causes.friction import CoulombFriction, PreslidingHysteresis
 from forefeel.common.causes.sensor import SensorDrift, SensorLag
-from forefeel.common.causes.wall import StressRelaxation
+from forefeel.common.causes.wall import Stiffening, StressRelaxation
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.signals import Signals
 
@@ -18,6 +18,7 @@ MotionKind = Literal["rich", "one_speed", "single_frequency", "constant_speed"]
 _LINE_SHARE = 0.985
 _ALIKE = 1.2  # ratio of frequencies and of sizes within which two lines are one
 _STEADY = 0.06
+_NOISE = 1.2  # times an estimate of it
 _RINGING = 0.2  # of the speed: 0.09 of a jump (Gibbs), which is twice the speed where a stroke turns
 
 _SEPARATING = {
@@ -33,7 +34,10 @@ _SEPARATING = {
 """Motions that tell causes apart, by the words of their `told_by`."""
 RIVALS_AT_ONE_SPEED = PreslidingHysteresis.name, StressRelaxation.name, SensorLag.name
 """Of strokes of one speed: the time since a reversal and the way since then are one column there."""
-RIVALS_AT_CONSTANT_SPEED = CoulombFriction.name, SensorDrift.name, StressRelaxation.name
+RIVALS_AT_CONSTANT_SPEED = CoulombFriction.name, SensorDrift.name, StressRelaxation.name, Stiffening.name
+MOTION_AFTER_CONSTANT_SPEED = (
+    "the same way ten times slower or faster, with a hold of 30 s, and back; of what tears another specimen"
+)
 GENERAL_MOTION = (
     "strokes of several amplitudes and speeds in both directions, with holds; or a multi-sine of 0.2 to 15 Hz"
 )
@@ -59,10 +63,11 @@ def motion_kind(signals: Signals) -> MotionKind:
     """Kind of motion, the first that holds, edges of pieces left out: `constant_speed` (or a straight line),
     `one_speed` (but for its direction), `single_frequency` (one line in the speed's spectrum), `rich`.
     """
-    inside = [
-        signals.fine_v[fine][_core(signals.fine_v[fine], signals, i)]
-        for i, fine in enumerate(signals.piecewise())
-    ]
+    inside = []
+    for grid, fine in zip(signals.pieces, signals.piecewise(), strict=True):
+        length_s = grid.samples * grid.period_s
+        v = signals.fine_v[fine][: int(length_s / grid.span_s * grid.fine)]
+        inside.append(v[_core(len(v), length_s, signals)])
     v = np.concatenate(inside)
     if _steady(v, _STEADY) or _straight(signals):
         return "constant_speed"
@@ -78,18 +83,18 @@ def _steady(v: Floats, within: float) -> bool:
 
 
 def _straight(signals: Signals) -> bool:
-    """True if the longest piece leaves a straight line by less than a hundredth of its range, rms."""
-    piece = max(signals.piecewise(), key=lambda p: p.stop - p.start)
-    inside = _core(signals.fine_x[piece], signals, signals.piecewise().index(piece))
-    t, x = signals.fine_t[piece][inside], signals.fine_x[piece][inside]
-    off = x - np.polyval(np.polyfit(t, x, 1), t)
-    return bool(np.std(off) < 0.01 * np.ptp(x))
+    """True if the longest piece leaves a straight line by less than a hundredth of its range and its noise,
+    rms.
+    """
+    x = signals.even_m[_core(len(signals.even_m), len(signals.even_m) / signals.even_hz, signals)]
+    n = np.arange(len(x))
+    off = x - np.polyval(np.polyfit(n, x, 1), n)
+    noise_m = np.std(np.diff(x, 2)) / np.sqrt(6.0)
+    return bool(np.std(off) < np.hypot(_NOISE * noise_m, 0.01 * np.ptp(x)))
 
 
-def _core(v: Floats, signals: Signals, index: int) -> slice:
-    piece = signals.pieces[index]
-    count = int(piece.samples * piece.period_s / piece.span_s * len(v))
-    edge = min(int(len(v) * 4.0 / signals.cutoff_hz / piece.span_s), count // 10)
+def _core(count: int, length_s: float, signals: Signals) -> slice:
+    edge = min(int(count * 4.0 / signals.cutoff_hz / length_s), count // 10)
     return slice(edge, count - edge)
 
 

@@ -286,17 +286,15 @@ def _above_noise(x: Floats, x_spec: Spectrum, step_m: float, grid: SignalPiece) 
             break
     else:
         return np.ones(len(x_spec))
-    above = median_filter(power, 7, mode="nearest") > 3.0 * max(top, 1e-300)
-    if not above.any():
-        return np.ones(len(x_spec))
+    above = median_filter(power, 7, mode="nearest") > 3.0 * top
     edges = np.flatnonzero(np.diff(above, prepend=False, append=False))
     first, behind = edges[::2], edges[1::2]
     held_m2 = np.cumsum((power * above)[::-1])[::-1][first] * frequency[1]  # from there on
-    motion = (held_m2 > step_m**2 / 12.0) | (first == first[0])
-    last = max(int(behind[motion][-1]) - 1, 2)
+    motion = (held_m2 > step_m**2 / 12.0) | (np.arange(len(first)) == 0)
+    last = int(np.max(behind[motion] - 1, initial=2))  # a line in time is nowhere above its noise
     # the windows of that spectrum fade at both ends, where a chirp is fastest: there the motion may go on
     power = np.maximum(power, _power_beyond(frequency[last], x_spec, grid, len(power)))
-    beyond = median_filter(power, 7, mode="nearest")[last:] > 10.0 * max(top, 1e-300)
+    beyond = median_filter(power, 7, mode="nearest")[last:] > 10.0 * top
     last += len(beyond) - 1 if beyond.all() else max(int(np.argmin(beyond)) - 1, 0)
     depth = np.clip((np.arange(len(x_spec)) / grid.span_s / frequency[last] - 1.0) / _FALL, 0.0, 1.0)
     return np.asarray(0.5 * (1.0 + np.cos(np.pi * depth)))

@@ -6,8 +6,15 @@ from scipy.signal import cont2discrete, lfilter
 
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.analysis import conditioned
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.extended_model import extended_model
+from forefeel.diagnosis.identifiability import (
+    MOTION_AFTER_CONSTANT_SPEED,
+    RIVALS_AT_CONSTANT_SPEED,
+    motion_kind,
+)
+from forefeel.diagnosis.sensor_faults import clean
 from forefeel.diagnosis.standard_tests import find_hold
 from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.results.verdict_text import answer
@@ -41,6 +48,21 @@ def ramped(fading: bool, drift_n_s: float = 0.0, way: float = 1.0, power: float 
     return Recording("hold", t, way * 5e-3 * stage, f, "hold.csv")
 
 
+def pulled(seed: int) -> Recording:
+    """.5 to 3 mm one way at one rate, after a settling or none, sampled at 10 to 100 Hz, by an extensometer
+    with 5 to 30 um of noise; the force stiffens or yields.
+    """
+    rng = np.random.default_rng(seed)
+    rate, way_m, noise_m, last_s = np.exp(
+        rng.uniform(np.log([10, 5e-4, 5e-6, 30]), np.log([100, 3e-3, 3e-5, 90]))
+    )
+    t = np.arange(int(last_s * rate)) / rate
+    settled = rng.uniform(0.0, 0.05) * (1.0 - np.exp(-t / (0.01 * last_s)))
+    e = t / last_s + settled
+    f = 80.0 * (np.tanh(4.0 * e) + rng.choice([0.0, 1.0]) * e**3) + rng.normal(0.0, 0.3, len(t))
+    return Recording("pull", t, way_m * e + rng.normal(0.0, noise_m, len(t)), f, "pull.csv")
+
+
 def diagnosed(recording: Recording) -> Diagnosis:
     found = diagnose(recording)
     assert answer(recording, found.diagnosis, None)
@@ -62,6 +84,30 @@ def test_a_rig_that_does_not_come_back_is_not_explained() -> None:
     found = diagnosed(stepped(1.0, rubbing_n=0.3))
     assert found.verdict == "unexplained"
     assert found.suggested_motion
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_noise_of_an_extensometer_makes_no_strokes_of_a_pull(seed: int) -> None:
+    recording = pulled(seed)
+    assert motion_kind(conditioned(recording, clean(recording)).signals) == "constant_speed"
+
+
+def test_pull_with_a_noisy_extensometer_has_rivals_and_no_cause() -> None:
+    rng = np.random.default_rng(1)
+    t = np.arange(300) / 10.0
+    f = 80.0 * np.tanh(t / 20.0) + rng.normal(0.0, 0.5, len(t))
+    found = diagnosed(Recording("pull", t, 1e-5 * t + rng.normal(0.0, 3e-6, len(t)), f, "pull.csv"))
+    assert (found.verdict, found.causes, found.rivals) == ("not_separable", (), (RIVALS_AT_CONSTANT_SPEED,))
+    assert found.suggested_motion == MOTION_AFTER_CONSTANT_SPEED
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 3e-5])
+def test_small_strokes_on_a_pull_are_strokes(noise_m: float) -> None:
+    t = np.arange(3000) / 50.0
+    strokes = 2e-4 * (np.sin(2.5 * t) + np.sin(5.9 * t + 1.0))
+    x = 1e-4 * t + strokes + np.random.default_rng(3).normal(0.0, noise_m, len(t))
+    recording = Recording("strokes", t, x, 500.0 * x, "strokes.csv")
+    assert motion_kind(conditioned(recording, clean(recording)).signals) == "rich"
 
 
 @pytest.mark.parametrize("way", [1.0, -1.0])
