@@ -205,8 +205,7 @@ class Whole:
         left_n = self.left_n(analysis)
         if not left_n:
             raise RecordingError(
-                f"{self.recording.source}: no piece without gaps is long enough, expected 3 s and "
-                f"{_LEAST_ROWS} samples of the force that can be compared"
+                f"{self.recording.source}: no piece without gaps lasts 3 s or can be compared"
             )
         total_n, usual_n = _rms(left_n.values()), analysis.residual_rms_n
         if total_n < _MORE * usual_n and max(left_n.values()) < _MUCH_MORE * usual_n:

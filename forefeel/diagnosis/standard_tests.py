@@ -231,11 +231,8 @@ class Hold:
     @property
     def sense(self) -> float:
         """Sign of the stiffness along the ramp: over the hold the force falls, whatever its sign."""
-        first = self.run.start
-        return (
-            float(np.sign((self.f[first] - self.f[self.before]) * (self.x[first] - self.x[self.before])))
-            or 1.0
-        )
+        ends = [self.before, self.run.start]
+        return float(np.sign(np.prod(np.diff([self.x[ends], self.f[ends]])))) or 1.0
 
     def branches(self, log_times: Floats) -> Floats:
         """Columns of k, f_0 and each branch."""
@@ -301,9 +298,8 @@ def find_hold(recording: Recording) -> Hold | None:
     every = slice(None, None, 1 + len(recording) // _MOST_SAMPLES)
     t, x, f = (c[every] for c in (recording.time_s, recording.position_m, recording.force_n))
     runs = _still(x)
-    if sum(run.stop - run.start for run in runs) <= _HELD * len(x):
-        return None
-    if len(turning_points(x.tolist(), _STROKE * float(np.ptp(x)))) > len(runs) + _MORE_TURNS:
+    strokes = len(turning_points(x.tolist(), _STROKE * float(np.ptp(x))))
+    if sum(run.stop - run.start for run in runs) <= _HELD * len(x) or strokes > len(runs) + _MORE_TURNS:
         return None
     # before the first ramp is the first sample; a recording that begins with its only hold comes back
     before = [run.stop - 1 for run in runs[:-1]]

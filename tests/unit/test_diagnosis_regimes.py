@@ -46,7 +46,8 @@ def ramped(
     that are stretched by a power of the stage's way.
     """
     t = np.arange(2400) / 20.0
-    stage = sum(np.clip((t - 2.0 - 120.0 * i / ramps) / 4.0, 0.0, 1.0) for i in range(ramps)) / ramps
+    starts_s = 2.0 + 120.0 * np.arange(ramps) / ramps
+    stage = np.mean([np.clip((t - start_s) / 4.0, 0.0, 1.0) for start_s in starts_s], axis=0)
     x = 5e-3 * stage**power
     f = spring_n_m * x + drift_n_s * t + 3e-3 * np.random.default_rng(2).standard_normal(len(t))
     for tau_s, stiffness in ((0.7, 80.0), (8.0, 60.0), (60.0, 60.0)) if fading else ():
