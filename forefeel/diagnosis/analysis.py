@@ -12,6 +12,7 @@ from forefeel.common.causes.sensor import SensorQuantisation, SensorSpikes
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.identifiability import motion_kind
 from forefeel.diagnosis.noise import LEAST_CORNER_HZ, Noise, NoiseFloor, autoregression, noise_floor
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.search import ADD, Search
@@ -161,6 +162,8 @@ def analyse(
     floor = noise_floor(recording, cleaned.force_n, cleaned.clipped)
     every = CANDIDATES if names is None else names
     names = [name for name in every if recording.rotary or not cause_class(name).rotary]
+    if motion_kind(signals) == "constant_speed":
+        names = []  # a line in time, beside which nothing can be told
     search = Search(regression, names, 0.0 if floor is None else _in_band_n(floor, signals))
     fit = search.run_from_several(None if floor is None else 1.5 * search.noise_n)
     for _ in range(_ROUNDS):

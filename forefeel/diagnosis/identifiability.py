@@ -12,7 +12,7 @@ from forefeel.common.causes.friction import CoulombFriction, PreslidingHysteresi
 from forefeel.common.causes.sensor import SensorDrift, SensorLag
 from forefeel.common.causes.wall import Stiffening, StressRelaxation
 from forefeel.common.error_size import Floats
-from forefeel.diagnosis.signals import Signals, position_noise_m
+from forefeel.diagnosis.signals import SignalPiece, Signals
 from forefeel.diagnosis.verdict import Follows, NextMotion
 
 MotionKind = Literal["rich", "one_speed", "single_frequency", "constant_speed"]
@@ -92,11 +92,10 @@ def motion_kind(signals: Signals) -> MotionKind:
     """Kind of motion, the first that holds, edges of pieces left out: `constant_speed` (or a straight line),
     `one_speed` (but for its direction), `single_frequency` (one line in the speed's spectrum), `rich`.
     """
-    inside = []
-    for grid, fine in zip(signals.pieces, signals.piecewise(), strict=True):
-        length_s = grid.samples * grid.period_s
-        v = signals.fine_v[fine][: int(length_s / grid.span_s * grid.fine)]
-        inside.append(v[_core(len(v), length_s, signals)])
+    inside = [
+        signals.fine_v[fine][_core(grid, grid.fine / grid.span_s)]
+        for grid, fine in zip(signals.pieces, signals.piecewise(), strict=True)
+    ]
     v = np.concatenate(inside)
     if _steady(v, _STEADY) or _straight(signals):
         return "constant_speed"
@@ -112,19 +111,18 @@ def _steady(v: Floats, within: float) -> bool:
 
 
 def _straight(signals: Signals) -> bool:
-    """True if the longest piece leaves a straight line by less than a hundredth of its range and its noise,
-    rms.
-    """
-    x = signals.even_m[_core(len(signals.even_m), len(signals.even_m) / signals.even_hz, signals)]
+    """True if the longest piece leaves a straight line by less than 1 % of its range and its noise, rms."""
+    longest = max(signals.pieces, key=lambda piece: piece.samples)
+    x = signals.even_m[_core(longest, signals.even_hz)]
     n = np.arange(len(x))
     off = x - np.polyval(np.polyfit(n, x, 1), n)
-    noise_m = position_noise_m(signals.even_m, signals.even_hz)
+    noise_m = np.std(np.diff(x, 2)) / np.sqrt(6.0)
     return bool(np.std(off) < np.hypot(_NOISE * noise_m, 0.01 * np.ptp(x)))
 
 
-def _core(count: int, length_s: float, signals: Signals) -> slice:
-    edge = min(int(count * 4.0 / signals.cutoff_hz / length_s), count // 10)
-    return slice(edge, count - edge)
+def _core(piece: SignalPiece, rate_hz: float) -> slice:
+    end_s = piece.samples * piece.period_s - piece.edge_s
+    return slice(int(piece.edge_s * rate_hz), int(end_s * rate_hz))
 
 
 def _one_line(speeds: Sequence[Floats]) -> bool:

@@ -69,9 +69,10 @@ def cleaned_everywhere(recording: Recording, chunks: list[slice]) -> tuple[Recor
             by_name[fault.name].append((fault, part.duration_s))
     total = sum(float(recording.time_s[c.stop - 1] - recording.time_s[c.start]) for c in chunks)
     merged = [_merged(faults, total) for faults in by_name.values()]
-    force_n.flags.writeable = False  # handed over, not copied
-    cleaned_recording = replace(recording, force_n=force_n)
-    return cleaned_recording, unusable, [fault for fault in merged if fault is not None]
+    if force_n is not recording.force_n:
+        force_n.flags.writeable = False  # handed over, not copied
+        recording = replace(recording, force_n=force_n)
+    return recording, unusable, [fault for fault in merged if fault is not None]
 
 
 def liveliest(recording: Recording, length_s: float) -> slice:
@@ -153,7 +154,7 @@ def analyse_long(
     `names`, `parts_s`: as in `analyse`.
 
     Raises:
-        RecordingError: no stretch without gaps is long enough.
+        RecordingError: no stretch, or no piece, without gaps is long enough.
     """
     progress("sensor, in chunks")
     cleaned, unusable, faults = cleaned_everywhere(recording, chunks_of(recording, _RARE_S))
@@ -188,6 +189,9 @@ class Whole:
         """Analyses the liveliest stretch. If its model leaves 1.15 times that stretch's rms of all chunks, or
         1.5 times of one, analyses stretches over the whole length too and returns what leaves less of all
         chunks. Of several recordings joined it analyses a stretch of each at once.
+
+        Raises:
+            RecordingError: no chunk has 50 samples that count.
         """
         if self.parts_s:
             return self._analysed(self._stretches(range(0)))
@@ -196,6 +200,10 @@ class Whole:
         self.progress("the liveliest stretch")
         analysis = self._analysed(lively)
         left_n = self.left_n(analysis)
+        if not left_n:
+            raise RecordingError(
+                f"{self.recording.source}: no piece without gaps lasts 3 s or can be compared"
+            )
         total_n, usual_n = _rms(left_n.values()), analysis.residual_rms_n
         if total_n < _MORE * usual_n and max(left_n.values()) < _MUCH_MORE * usual_n:
             return analysis

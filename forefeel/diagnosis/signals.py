@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.ndimage import median_filter
+from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.signal import csd, welch
 
 from forefeel.common.causes.candidate import Extent, Spectrum
@@ -308,9 +308,9 @@ def _power_beyond(from_hz: float, x_spec: Spectrum, grid: SignalPiece, bins: int
     t = np.arange(grid.samples) * grid.period_s
     fade = np.sin(0.5 * np.pi * np.clip(np.minimum(t, t[::-1]) / grid.edge_s, 0.0, 1.0)) ** 2
     power = 2.0 * np.abs(rfft(fade * fast[: grid.samples])) ** 2 * grid.period_s / grid.samples
-    width = len(power) / (bins - 1)
-    held = np.interp((np.arange(bins + 1) - 0.5) * width, np.arange(len(power) + 1), np.cumsum([0.0, *power]))
-    return np.asarray(np.diff(held) / width)
+    width = len(power) // bins
+    at = np.linspace(0, len(power) - 1, bins).astype(np.int64)
+    return np.asarray(uniform_filter1d(power, max(width, 1))[at])
 
 
 def _band(power: Floats, low: float, high: float) -> float:

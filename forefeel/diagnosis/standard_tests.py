@@ -8,7 +8,7 @@ instead (output error; Ljung, System Identification, 2nd ed., 1999, section 4.2)
 
 For w and zeta the rest is linear.
 
-A ramp and hold, the relaxation test of tissue: the position stands while the force fades, or does not.
+Ramps and holds, the relaxation test of tissue: the position stands while the force fades, or does not.
 
     f = k x + sum_i k_i q_i + f_0,   q_i' = x' - q_i / tau_i     (Maxwell branches)
 
@@ -205,8 +205,8 @@ def _columns(log_shape: Floats, f: Floats, period_s: float) -> Floats:
     return np.column_stack([answer, np.ones_like(f), decay, later])
 
 
-_HELD, _STILL = 0.7, 0.03  # of the samples in one run, within so much of the range from the median
-_STROKE, _MOST_TURNS = 0.2, 3  # of the range; to the hold, back, and what overshoots
+_HELD, _SHORTEST, _STILL = 0.7, 0.1, 0.03  # of the samples: all holds, each; of the range, from its level
+_STROKE, _MORE_TURNS = 0.2, 2  # of the range; beside one to each hold: back, and what overshoots
 _TIMES, _BINS = 12, 40
 _LEAST_FADE, _EARLY, _AT_ONCE = 0.05, 0.1, 0.3  # of the rise; first part of the hold; of the fading in it
 _FOLLOWS, _FAR_BELOW = 0.05, 5.0  # left of the held-out bins' variance; times more that a line leaves
@@ -216,12 +216,23 @@ _NAMES = ("stiffness_n_m", "time_constant_s"), ("second_stiffness_n_m", "second_
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hold:
-    """Stamps from the start, position and force of a ramp and hold, and which samples are the hold."""
+    """Stamps from the start, position and force of ramps and holds.
+
+    `before`, `run`: sample before the largest ramp, and the hold behind it; `others`: number of other holds.
+    """
 
     t: Floats
     x: Floats
     f: Floats
+    before: int
     run: slice
+    others: int
+
+    @property
+    def sense(self) -> float:
+        """Sign of the stiffness along the ramp: over the hold the force falls, whatever its sign."""
+        ends = [self.before, self.run.start]
+        return float(np.sign(np.prod(np.diff([self.x[ends], self.f[ends]])))) or 1.0
 
     def branches(self, log_times: Floats) -> Floats:
         """Columns of k, f_0 and each branch."""
@@ -255,7 +266,7 @@ class Hold:
         count = np.bincount(bins)
         used = count > 0
         until_s, mean = (np.bincount(bins, values)[used] / count[used] for values in (since_s, f))
-        rise = float(mean[0]) - float(self.f[0] if self.run.start else f[0])
+        rise = float(mean[0] - self.f[self.before])
         fading = (mean[0] - mean) * np.sign(rise)
         early = float(np.interp(_EARLY * since_s[-1], until_s, fading))
         if fading[-1] < _LEAST_FADE * abs(rise) or early < _AT_ONCE * fading[-1]:
@@ -280,25 +291,43 @@ class Hold:
 
 
 def find_hold(recording: Recording) -> Hold | None:
-    """Ramp and hold that a recording is, thinned to 20,000 samples; None unless over 70 % of the samples, in
-    one run, are within 3 % of the range from the median, with at most three strokes in all.
+    """Ramps and holds that a recording is, thinned to 20,000 samples; None unless over 70 % of the samples
+    are holds, with at most two strokes more than holds.
     """
     assert recording.force_n is not None
     every = slice(None, None, 1 + len(recording) // _MOST_SAMPLES)
     t, x, f = (c[every] for c in (recording.time_s, recording.position_m, recording.force_n))
-    still = np.abs(x - np.median(x)) < _STILL * np.ptp(x)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], still.astype(np.int8), [0]])))
-    start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda run: run[1] - run[0])
-    if stop - start <= _HELD * len(x):
+    runs = _still(x)
+    strokes = len(turning_points(x.tolist(), _STROKE * float(np.ptp(x))))
+    if sum(run.stop - run.start for run in runs) <= _HELD * len(x) or strokes > len(runs) + _MORE_TURNS:
         return None
-    if len(turning_points(x.tolist(), _STROKE * float(np.ptp(x)))) > _MOST_TURNS:
-        return None
-    return Hold(t - t[0], x, f, slice(int(start), int(stop)))
+    # before the first ramp is the first sample; a recording that begins with its only hold comes back
+    before = [run.stop - 1 for run in runs[:-1]]
+    before.insert(0, 0 if runs[0].start or before else -1)
+    last, run = max(zip(before, runs, strict=True), key=lambda pair: abs(x[pair[1].start] - x[pair[0]]))
+    return Hold(t - t[0], x, f, last, run, len(runs) - 1)
+
+
+def _still(x: Floats) -> list[slice]:
+    """Runs, in turn, of a tenth of the samples or more within 3 % of the range from their level."""
+    left, runs, reach_m = np.ones(len(x), dtype=np.bool_), list[slice](), _STILL * float(np.ptp(x))
+    while left.any():
+        count, ends_m = np.histogram(x[left], np.arange(x.min(), x.max() + 1.5 * reach_m, reach_m))
+        level_m = np.median(x[left & (np.abs(x - ends_m[np.argmax(count)] - 0.5 * reach_m) <= 0.5 * reach_m)])
+        still = left & (np.abs(x - level_m) < reach_m)
+        edges = np.flatnonzero(np.diff(still, prepend=False, append=False))
+        start, stop = max(zip(edges[::2], edges[1::2], strict=True), key=lambda run: run[1] - run[0])
+        if stop - start < _SHORTEST * len(x):
+            break
+        left[start:stop] = False
+        runs.append(slice(int(start), int(stop)))
+    return sorted(runs, key=lambda run: run.start)
 
 
 def diagnosed_hold(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
-    """Diagnosis and analysis of a ramp and hold: `cause_found`, relaxation of one or two branches, or
-    `nothing_found` beside a spring. None where the recording is no ramp and hold.
+    """Diagnosis and analysis of ramps and holds: `cause_found`, relaxation of one or two branches, or
+    `nothing_found` beside a spring and one hold. None where the recording is something else, or several holds
+    without relaxation.
 
     Raises:
         RecordingError: too few samples in a row.
@@ -306,11 +335,12 @@ def diagnosed_hold(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
     hold = find_hold(recording)
     if hold is None:
         return None
-    spring, one, two = hold.fitted()
-    sense = float(np.sign(spring.theta[0])) or 1.0
+    (spring, one, two), sense = hold.fitted(), hold.sense
     better = np.sum(two.left**2) < _SECOND * np.sum(one.left**2)
     fit = two if better and _known(two, sense) else one  # a ramp that bends makes a second one of any sign
     relaxes = _known(fit, sense) and hold.relaxes()
+    if hold.others and not relaxes:
+        return None
     fit = fit if relaxes else spring
     before, after = (hold.held_out(model.log_shape) for model in (spring, fit))
     held_out = gain_over(hold.bins, before, after)

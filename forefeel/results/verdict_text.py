@@ -29,7 +29,7 @@ FLAGS = {
 _ALIKE = 0.05  # two errors ahead that differ by less of them are alike
 _CAUSES_BELOW = {
     "cause_found": "The simulation leaves out the causes below, the largest first.",
-    "partly_explained": "The simulation leaves out the causes below, and more that none of the known ones explains.",
+    "partly_explained": "The simulation leaves out the causes below, and more that has no name.",
 }
 _VERDICT_TEXT = {
     "nothing_missing": "Nothing is missing: mass, damper and spring explain the force{}.",

@@ -5,9 +5,10 @@ import pytest
 from scipy.signal import lfilter
 
 from forefeel.common.error_size import Floats
+from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.long_recording import FLAG, chunks_of, cleaned_everywhere, is_long
+from forefeel.diagnosis.long_recording import FLAG, Whole, chunks_of, cleaned_everywhere, is_long
 from forefeel.diagnosis.signals import cutoff_hz
 
 RATE_HZ = 250.0
@@ -76,6 +77,26 @@ def test_rare_spikes_are_counted_over_the_whole() -> None:
     assert faults[0].parameters["rate_hz"].value == pytest.approx(12 / SECONDS, rel=0.2)
     assert np.max(np.abs(np.asarray(cleaned.force_n) - force)) < 0.05
     assert "sensor_spikes" in [cause.name for cause in diagnose(whole).diagnosis.causes]
+
+
+@pytest.mark.parametrize("spikes", [0, 12])
+def test_array_of_the_caller_stays_writeable(spikes: int) -> None:
+    t, x, _, force = strokes(6, 60.0)
+    force[np.random.default_rng(6).choice(len(t), spikes, replace=False)] += 1.0
+    force.flags.writeable = False  # a recording then does not copy it
+    whole = recording(t, x, force)
+    force.flags.writeable = True
+    cleaned, _, _ = cleaned_everywhere(whole, chunks_of(whole, 300.0))
+    assert force.flags.writeable
+    assert np.array_equal(np.asarray(cleaned.force_n), force) == (spikes == 0)
+
+
+def test_recording_of_bursts_below_three_seconds_is_refused() -> None:
+    t, x, _, force = strokes(7, 60.0)
+    whole = recording(t, x, force)
+    searched = Whole(whole, np.zeros(len(t), dtype=np.bool_), [], lambda stage: None, [], ())
+    with pytest.raises(RecordingError, match=r"^test: no piece without gaps lasts 3 s[^\n]*$"):
+        searched.searched()
 
 
 def test_slow_recording_of_minutes_is_decimated_and_searched_whole() -> None:

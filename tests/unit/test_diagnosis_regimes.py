@@ -15,7 +15,7 @@ from forefeel.diagnosis.identifiability import (
     motion_kind,
 )
 from forefeel.diagnosis.sensor_faults import clean
-from forefeel.diagnosis.standard_tests import find_hold
+from forefeel.diagnosis.standard_tests import diagnosed_hold, find_hold
 from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.results.verdict_text import answer
 
@@ -34,14 +34,22 @@ def stepped(way: float, rubbing_n: float = 0.0) -> Recording:
     return Recording("step", t, np.asarray(1e-6 * np.round(1e6 * way * x)), np.asarray(f), "step.csv")
 
 
-def ramped(fading: bool, drift_n_s: float = 0.0, way: float = 1.0, power: float = 1.0) -> Recording:
-    """5 mm in 4 s and held for 113 s; a spring and Maxwell branches of .7, 8 and 60 s, or none, that are
-    stretched by a power of the stage's way.
+def ramped(
+    fading: bool,
+    drift_n_s: float = 0.0,
+    way: float = 1.0,
+    power: float = 1.0,
+    spring_n_m: float = 200.0,
+    ramps: int = 1,
+) -> Recording:
+    """5 mm in ramps of 4 s, held for 116 s in all; a spring and Maxwell branches of .7, 8 and 60 s, or none,
+    that are stretched by a power of the stage's way.
     """
     t = np.arange(2400) / 20.0
-    stage = np.clip((t - 2.0) / 4.0, 0.0, 1.0)
+    starts_s = 2.0 + 120.0 * np.arange(ramps) / ramps
+    stage = np.mean([np.clip((t - start_s) / 4.0, 0.0, 1.0) for start_s in starts_s], axis=0)
     x = 5e-3 * stage**power
-    f = 200.0 * x + drift_n_s * t + 3e-3 * np.random.default_rng(2).standard_normal(len(t))
+    f = spring_n_m * x + drift_n_s * t + 3e-3 * np.random.default_rng(2).standard_normal(len(t))
     for tau_s, stiffness in ((0.7, 80.0), (8.0, 60.0), (60.0, 60.0)) if fading else ():
         decay = np.exp(-0.05 / tau_s)
         f += stiffness * lfilter([decay], [1.0, -decay], np.diff(x, prepend=0.0))
@@ -94,8 +102,8 @@ def test_noise_of_an_extensometer_makes_no_strokes_of_a_pull(seed: int) -> None:
 
 def test_pull_with_a_noisy_extensometer_has_rivals_and_no_cause() -> None:
     rng = np.random.default_rng(1)
-    t = np.arange(300) / 10.0
-    f = 80.0 * np.tanh(t / 20.0) + rng.normal(0.0, 0.5, len(t))
+    t = np.arange(150) / 10.0
+    f = 4.0 * t + rng.normal(0.0, 0.5, len(t))
     found = diagnosed(Recording("pull", t, 1e-5 * t + rng.normal(0.0, 3e-6, len(t)), f, "pull.csv"))
     assert (found.verdict, found.causes, found.rivals) == ("not_separable", (), (RIVALS_AT_CONSTANT_SPEED,))
     assert found.next_motion == MOTION_AFTER_CONSTANT_SPEED
@@ -120,6 +128,14 @@ def test_a_hold_in_which_the_force_fades_is_relaxation(way: float) -> None:
     assert found.held_out.gain_low > 0.8
 
 
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("ramps", [1, 3])
+def test_sense_of_a_force_that_fades_nearly_away_is_that_of_the_ramp(ramps: int, way: float) -> None:
+    found = diagnosed(ramped(fading=True, way=way, spring_n_m=20.0, ramps=ramps))
+    assert [cause.name for cause in found.causes] == ["stress_relaxation"]
+    assert ("force_is_the_reaction" in found.flags) == (way < 0.0)
+
+
 def test_hold_after_a_ramp_that_stiffens_is_relaxation() -> None:
     """One branch is told; a second one, of the other sign, would only bend the ramp."""
     (cause,) = diagnosed(ramped(fading=True, power=3.0)).causes
@@ -131,6 +147,7 @@ def test_hold_after_a_ramp_that_stiffens_is_relaxation() -> None:
 def test_a_hold_in_which_the_cell_drifts_names_nothing(drift_n_s: float) -> None:
     found = diagnosed(ramped(fading=False, drift_n_s=drift_n_s))
     assert (found.verdict, found.causes) == ("nothing_found", ())
+    assert diagnosed_hold(ramped(fading=False, drift_n_s=drift_n_s, ramps=3)) is None
 
 
 def test_strokes_after_a_long_rest_are_no_hold() -> None:

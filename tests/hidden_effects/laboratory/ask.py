@@ -75,7 +75,6 @@ def _said(d: Any) -> dict[str, Any]:  # noqa: ANN401 - of one of several version
         "elsewhere": d.other_motion
         and [d.other_motion.gain, d.other_motion.gain_low, d.other_motion.gain_high],
         "rivals": [list(rival) for rival in d.rivals],
-        "next": d.suggested_motion,
         "before_n": d.held_out.rmse_before_n,
         "after_n": d.held_out.rmse_after_n,
         "floor_n": d.noise_floor_n,
