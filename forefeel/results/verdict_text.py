@@ -26,6 +26,7 @@ FLAGS = {
     "short": "under 10 s, so what is slow (relaxation, drift, breath) can hardly be told",
     "force_is_the_reaction": "force and position count in opposite directions here; signs were turned",
 }
+_MOST_SIZES = 3  # that would have shown, on the terminal
 _ALIKE = 0.05  # two errors ahead that differ by less of them are alike
 _CAUSES_BELOW = {
     "cause_found": "The simulation leaves out the causes below, the largest first.",
@@ -212,8 +213,9 @@ def _would_show(diagnosis: Diagnosis) -> list[str]:
     sizes = []
     for name, size in diagnosis.detectable.items():
         cause, parameter = name.split(".")
-        sizes.append(f"{words(cause)} above {plain_value(parameter, size)}")
-    return [", ".join(sizes)] if sizes else []
+        if cause != "bias":
+            sizes.append(f"{words(cause)} above {plain_value(parameter, size)}")
+    return [", ".join(sizes[:_MOST_SIZES])] if sizes else []
 
 
 def _elsewhere(expected: ExpectedGain | None) -> list[str]:

@@ -19,7 +19,7 @@ def motion(seconds: float) -> tuple[Floats, Floats]:
 
 
 def made(seconds: float = 8.0, friction_n: float = 0.0, bias_n: float = 0.0, name: str = "made") -> Recording:
-    """Mass, damper, spring, and what is asked for, with 2 mN of noise."""
+    """Mass, damper, spring, and what is asked for, with 4 mN of noise."""
     return _recording(*motion(seconds), friction_n, bias_n, name)
 
 
@@ -31,7 +31,7 @@ def one_sine(frequency_hz: float, amplitude_m: float) -> Recording:
 
 def _recording(t: Floats, x: Floats, friction_n: float, bias_n: float, name: str) -> Recording:
     v = np.gradient(x, t)
-    noise = np.random.default_rng(3).normal(0.0, 2e-3, len(t))
+    noise = np.random.default_rng(3).normal(0.0, 4e-3, len(t))
     force = 0.02 * np.gradient(v, t) + 0.8 * v + 40.0 * x + friction_n * np.tanh(v / 2e-4) + bias_n
     return Recording(name, t, x, np.asarray(force + noise), source=f"{name}.csv")
 
