@@ -271,11 +271,9 @@ def within(kind: type[Effect], values: Values) -> Values:
 
 
 def entry(kind: type[Effect], values: Values) -> Entry:
-    """Entry of a model.yaml, values clipped to their bounds; shorthands count if no parameter is named."""
-    inside = within(kind, values)
-    if not inside:
-        inside = within(kind, {t: v for name, v in values.items() for t in kind.shorthands.get(name, ())})
-    return {"effect": kind.name, "parameters": inside}
+    """Entry of a model.yaml, values clipped to their bounds; a shorthand sets what is not named itself."""
+    spelled = {t: v for name, v in values.items() for t in kind.shorthands.get(name, ())}
+    return {"effect": kind.name, "parameters": within(kind, {**spelled, **values})}
 
 
 def base_name(name: str) -> str:
