@@ -30,8 +30,6 @@ from forefeel.diagnosis.evaluation.evaluate import evaluate as _evaluate
 from forefeel.diagnosis.verdict import Cause, VerdictName
 from forefeel.results.parallel import in_parallel
 from forefeel.results.verdict_text import headline
-from forefeel.simulate.motion import FollowedRecording, MotionPiece
-from forefeel.simulate.world import integrate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -43,23 +41,24 @@ __all__ = ["Cause", "Diagnosis", "Evaluation", "Model", "diagnose", "diagnose_fo
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """A contact model, as model.yaml holds it."""
+    """A contact model, as model.yaml holds it; `sense` is -1 where the recording that it was fitted to counts
+    force and position in opposite directions.
+    """
 
     contact: ContactModel
+    sense: float = 1.0
 
     def simulate(self, motion: Any) -> Recording:  # noqa: ANN401 - see `load`
         """The force of the model along the motion of a recording, from rest at its start, as a Recording with
-        the same stamps. Its position is the recorded one, low-passed and some 8 ms late; the contact begins
+        the same stamps and positions. The motion is conditioned as that of a diagnosis; the contact begins
         anew after each gap. ConfigurationError: a force that is not finite.
         """
-        recording = _recording(motion)
-        pieces = [
-            MotionPiece(FollowedRecording(recording, part), recording.time_s[part])
-            for part in recording.segments()
-        ]
-        position_m, force_n = integrate(self.contact, pieces, lambda _time_s: None)
-        name = self.contact.name
-        return Recording(name, recording.time_s, position_m, force_n, f"{name} along {recording.source}")
+        from forefeel.diagnosis.extended_model import simulated_n  # noqa: PLC0415 - as in `diagnose`
+
+        recording, name = _recording(motion), self.contact.name
+        force_n = self.sense * simulated_n(self.contact, recording)
+        source = f"{name} along {recording.source}"
+        return Recording(name, recording.time_s, recording.position_m, force_n, source)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -145,7 +144,8 @@ def diagnose(
     recordings = [_recording(source, force=True) for source in (recording, *beside)]
     with threadpool_limits(1):  # the arrays are small, and threads would wait
         answer = answered(recordings, given=given, as_is=as_is)
-    return Diagnosis(answer.details.recording, Model(answer.model), answer.lines, answer.details)
+    extended = Model(answer.model, answer.details.analysis.regression.sense)
+    return Diagnosis(answer.details.recording, extended, answer.lines, answer.details)
 
 
 def diagnose_folder(
