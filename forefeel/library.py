@@ -34,9 +34,19 @@ from forefeel.results.verdict_text import headline
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from forefeel.diagnosis.confirmation import ConfirmationName, Replay
     from forefeel.diagnosis.diagnose import Diagnosed
 
-__all__ = ["Cause", "Diagnosis", "Evaluation", "Model", "diagnose", "diagnose_folder", "evaluate"]
+__all__ = [
+    "Cause",
+    "Confirmation",
+    "Diagnosis",
+    "Evaluation",
+    "Model",
+    "diagnose",
+    "diagnose_folder",
+    "evaluate",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +95,23 @@ class Diagnosis:
     def causes(self) -> tuple[Cause, ...]:
         return self.details.diagnosis.causes
 
+    def confirm(self, recording: Any, as_is: bool = False) -> "Confirmation":  # noqa: ANN401 - see `load`
+        """Holds the model against another recording of the bench, with its own zero and phases there.
+
+        Raises:
+            RecordingError: that can not be diagnosed, or its units are not plausible (`as_is` asks nothing).
+        """
+        from forefeel.diagnosis.confirmation import confirm  # noqa: PLC0415 - as in `diagnose`
+        from forefeel.results.confirmation_text import confirmation_lines  # noqa: PLC0415
+        from forefeel.results.task import require_usable  # noqa: PLC0415
+
+        other = _recording(recording, force=True)
+        with units_of(other.columns), threadpool_limits(1):
+            require_usable(other, as_is)
+            replay = confirm(self.details, other)
+            lines = confirmation_lines(replay.confirmation, self.details.diagnosis)
+        return Confirmation(tuple(f"{label:<11} {text}" for label, text in lines), replay)
+
     def __str__(self) -> str:
         """The first line of each part of the answer, without what plain regressions saw before the search."""
         shown, label = list[str](), ""
@@ -119,6 +146,33 @@ class Diagnosis:
             below.set(xlabel="time, s", ylabel=f"left, {shown_unit('N')}")
         above.legend()
         return figure
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Confirmation:
+    """A model on another recording than its own; `print` says it in three lines.
+
+    Attributes:
+        lines: the answer in words.
+        details: numbers, see `forefeel.diagnosis.confirmation.Confirmation`, and the forces compared.
+    """
+
+    lines: tuple[str, ...]
+    details: "Replay"
+
+    @property
+    def verdict(self) -> "ConfirmationName":
+        return self.details.confirmation.verdict
+
+    @property
+    def ratio(self) -> float:
+        """Rms that the model leaves there over what is to be expected."""
+        return self.details.confirmation.ratio
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines)
+
+    __repr__ = __str__
 
 
 def diagnose(

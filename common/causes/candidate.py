@@ -87,6 +87,7 @@ class Candidate:
             contain zero; by default `coefficients`.
         picture: overrides that of its effect.
         costly: has many shapes, and is tried only where more than noise is left.
+        at_start: those of its coefficients, by index, that are a state at the recording's start.
     """
 
     form: str = ""
@@ -104,6 +105,7 @@ class Candidate:
     sizes: tuple[str, ...] | None = None
     picture: str = ""
     costly: bool = False
+    at_start: tuple[int, ...] = ()
 
     def of(self, kind: type[Effect]) -> Self:
         """Copy for that cause: `kind` is set unless the form names another effect."""

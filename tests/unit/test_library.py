@@ -13,8 +13,8 @@ from forefeel.diagnosis.signals import Signals
 from tests.unit.diagnosis_samples import FRICTION_N, made, put
 
 NAMES = {
-    "Axis", "Cause", "Cell", "Diagnosis", "Evaluation", "ForefeelError", "Model", "Predictor", "Recording",
-    "UnclearError", "__version__", "connect", "diagnose", "diagnose_folder", "evaluate", "load",
+    "Axis", "Cause", "Cell", "Confirmation", "Diagnosis", "Evaluation", "ForefeelError", "Model", "Predictor",
+    "Recording", "UnclearError", "__version__", "connect", "diagnose", "diagnose_folder", "evaluate", "load",
 }  # fmt: skip
 NOTEBOOK = Path(__file__).parents[2] / "docs/examples/library.ipynb"
 
@@ -64,6 +64,15 @@ def test_simulation_leaves_of_its_own_recording_what_the_answer_says() -> None:
     in_band = Signals(joint, left_n, d.details.analysis.regression.signals.cutoff_hz, np.zeros(len(t), bool))
     rms_n = np.sqrt(np.mean(in_band.force[in_band.rows] ** 2))
     assert rms_n < 1.02 * d.details.analysis.residual_rms_n < 1.02 * d.details.diagnosis.held_out.rmse_after_n
+
+
+def test_model_of_one_recording_is_confirmed_on_another(found: ff.Diagnosis) -> None:
+    confirmation = found.confirm(made(6.0, friction_n=FRICTION_N, bias_n=0.3, name="other"))
+    assert confirmation.verdict == "confirmed"
+    assert confirmation.ratio < 1.6
+    assert str(confirmation).startswith("Confirmed ")
+    assert len(str(confirmation).splitlines()) <= 3
+    assert found.confirm(made(friction_n=4.0 * FRICTION_N)).verdict == "not_confirmed"
 
 
 def test_plot_shows_measured_simulated_and_extended_force(found: ff.Diagnosis) -> None:
