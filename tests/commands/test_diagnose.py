@@ -85,7 +85,7 @@ def test_model_is_held_against_another_recording(
     confirmation = document(out)["confirmation"]
     assert confirmation["verdict"] == "confirmed"  # type: ignore[index]
     assert confirmation["gain"]["gain_low"] > 0.5  # type: ignore[index]
-    assert "On another recording" in (out / "report.html").read_text()
+    assert "Force of the other recording, measured and simulated" in (out / "report.html").read_text()
 
 
 @pytest.mark.parametrize(
