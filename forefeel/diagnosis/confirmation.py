@@ -1,7 +1,7 @@
 """The model of one recording held against another of the same bench, which no fit has seen.
 
 Mass, damping, stiffness, causes and shapes stay; free on the other recording are the zero of the cell and
-what a cause holds for its own run only. What the model leaves there is compared with
+what a cause holds for its own run only (slope, phases, instant). What the model leaves there is compared with
 
     e^2 = noise^2 + structure^2 (force there / force here)^2
 
@@ -24,6 +24,7 @@ from forefeel.diagnosis.diagnose import Diagnosed, check
 from forefeel.diagnosis.expected_gain import less_own, noise_share, parameter_errors, powers
 from forefeel.diagnosis.long_recording import cut, is_long, liveliest, stretch_s
 from forefeel.diagnosis.noise import noise_floor
+from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.residual import predictable_share
 from forefeel.diagnosis.sensor_faults import clean
 from forefeel.diagnosis.signals import Signals
@@ -34,7 +35,7 @@ ConfirmationName = Literal["confirmed", "not_confirmed", "not_told"]
 _MOST, _MUCH_LESS = 1.6, 0.6
 """Times `expected_n` that a model which holds leaves at most and at least: docs/explanation/naming.md."""
 _WIDEST = 0.495  # band of the sampling rate, at most
-_DOUBT = 0.95  # quantile of |J d|
+_DOUBT, _INSTANTS = 0.95, 32  # quantile of |J d|; tried for a change of stiffness
 _FORETOLD, _OF_NOISE = 0.3, 2.0  # share that its own past foretells, and times the noise: structure
 
 
@@ -45,11 +46,9 @@ class Confirmation:
     Attributes:
         recording: name of the other recording.
         left_n: rms that the model leaves there; `expected_n`: by what it left here; `ratio`: of the two.
-        doubt_n: rms there that the intervals of its parameters allow beside.
-        noise_n: at most, of the other recording; None where that does not tell it.
+        doubt_n: rms there that the intervals of its parameters allow beside; `noise_n`: at most, there.
         gain: of the causes there, over the simulation with the same freedoms; None without causes.
-        cautions: where confirmed, `easier` (it leaves much less there than is to be expected), `structure`
-            (more is left there than noise).
+        cautions: where confirmed, `easier` (less is left than expected), `structure` (more than noise is).
     """
 
     recording: str
@@ -63,7 +62,7 @@ class Confirmation:
     cautions: tuple[str, ...]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Replay:
     """Stamps in s, and forces in N in the band of the comparison, of the other recording."""
 
@@ -75,42 +74,31 @@ class Replay:
 
 
 def confirm(diagnosed: Diagnosed, recording: Recording) -> Replay:
-    """Replays the model of a diagnosis, that of its model.yaml, on another recording, of a long one on its
-    liveliest stretch; `not_told` also where something is missing that was not named. Raises RecordingError
-    where that can not be diagnosed, see `diagnose`, or has a lower rate than the diagnosis needs.
+    """Replays the model of a diagnosis on another recording, of a long one on its liveliest stretch;
+    `not_told` also where something is missing that was not named. Raises RecordingError where that can not be
+    diagnosed, see `diagnose`, or has a lower rate than the diagnosis needs.
     """
     check(recording)
     diagnosis, analysis, name = diagnosed.diagnosis, diagnosed.analysis, recording.name
     analysis = analysis if diagnosis.causes else analysis.baseline()
     if is_long(recording):
         recording = cut(recording, liveliest(recording, stretch_s(recording)))
-    cleaned, here = clean(recording), analysis.regression
-    cutoff_hz = here.signals.cutoff_hz
-    least_hz = cutoff_hz / _WIDEST
-    if recording.rate_hz < least_hz:
-        raise RecordingError(
-            f"{recording.source}: {recording.rate_hz:.4g} Hz, expected at least {least_hz:.4g} Hz, for the "
-            f"diagnosis has a band of {cutoff_hz:.4g} Hz"
-        )
+    cleaned, here, cutoff_hz = clean(recording), analysis.regression, analysis.regression.signals.cutoff_hz
+    if recording.rate_hz < (least_hz := cutoff_hz / _WIDEST):
+        place = f"{recording.source}: {recording.rate_hz:.4g} Hz"
+        raise RecordingError(f"{place}, expected at least {least_hz:.4g} Hz for the band of the diagnosis")
     there = here.like(Signals(recording, cleaned.force_n, cutoff_hz, cleaned.clipped))
     rows, force_n = there.rows, there.signals.force[there.rows]
-    # an instant of one run is none of another: all of that is behind it, or nothing
-    shapes = {
-        n: (-np.inf,) if base_name(n) == StiffnessChange.name else s for n, s in analysis.fit.model.items()
-    }
-    base, fit = analysis.base, replace(analysis.fit, model=shapes)
-    errors_n = np.column_stack([there.residual(model) for model in (base, fit)])
-    before_n, after_n = less_own(there, fit, errors_n).T
+    base, fit = analysis.base, _at_its_instant(there, analysis.fit)
+    before_n, after_n = less_own(there, fit, np.stack([there.residual(base), there.residual(fit)], 1)).T
     errors = parameter_errors(here, analysis.fit, np.random.default_rng(0))
     doubt_n = WIDER * float(np.sqrt(np.quantile(powers(there, base, fit, errors)[0], _DOUBT)))
     floor, left_n = noise_floor(recording, cleaned.force_n, cleaned.clipped), rms(after_n)
     noise_n = None if floor is None else min(in_band_n(floor, there.signals), left_n)
-    left_here_n, share = diagnosis.held_out.rmse_after_n, noise_share(diagnosis, analysis)
-    beside_n2 = share * left_here_n**2
-    if noise_n is not None and diagnosis.noise_floor_n is not None:
-        beside_n2 = noise_n**2
+    here_n, share = diagnosis.held_out.rmse_after_n, noise_share(diagnosis, analysis)
+    beside_n = noise_n if noise_n and diagnosis.noise_floor_n is not None else np.sqrt(share) * here_n
     larger = float(np.std(force_n) / np.std(here.signals.force[here.rows]))
-    expected_n = float(np.sqrt(beside_n2 + (1.0 - share) * (larger * left_here_n) ** 2))
+    expected_n = float(np.hypot(beside_n, np.sqrt(1.0 - share) * larger * here_n))
     verdict: ConfirmationName = "confirmed"
     if not diagnosis.causes and diagnosis.verdict not in {"nothing_missing", "nothing_found"}:
         verdict = "not_told"
@@ -127,3 +115,16 @@ def confirm(diagnosed: Diagnosed, recording: Recording) -> Replay:
         tuple(caution for caution, true in cautions.items() if true and verdict == "confirmed"),
     )  # fmt: skip
     return Replay(confirmation, there.signals.t[rows], force_n, force_n - before_n, force_n - after_n)
+
+
+def _at_its_instant(there: RecordingRegression, fit: ModelFit) -> ModelFit:
+    """Fit whose change of stiffness is at the instant that leaves least there; -inf: before its start."""
+    for name in [name for name in fit.model if base_name(name) == StiffnessChange.name]:
+        low, high = there.signals.t[[0, -1]].tolist()
+        for _ in range(3):  # from a 32nd of the recording to a 4000th
+            instants = [-np.inf, *np.linspace(low, high, _INSTANTS).tolist()]
+            fits = [replace(fit, model={**fit.model, name: (at,)}) for at in instants]
+            fit = min(fits, key=lambda at: rms(less_own(there, at, there.residual(at)[:, None])))
+            (at,), step = fit.model[name], (high - low) / _INSTANTS
+            low, high = max(at, low) - step, max(at, low) + step
+    return fit
