@@ -47,7 +47,7 @@ class Confirmation:
         recording: name of the other recording.
         left_n: rms that the model leaves there; `expected_n`: by what it left here; `ratio`: of the two.
         doubt_n: rms there that the intervals of its parameters allow beside; `noise_n`: at most, there.
-        gain: of the causes there, over the simulation with the same freedoms; None without causes.
+        gain: of the causes there, over the simulation with the same freedoms; None without any.
         cautions: where confirmed, `easier` (less is left than expected), `structure` (more than noise is).
     """
 
@@ -111,7 +111,7 @@ def confirm(diagnosed: Diagnosed, recording: Recording) -> Replay:
     cautions = {"easier": left_n < _MUCH_LESS * expected_n, "structure": structured}
     confirmation = Confirmation(
         name, verdict, left_n, expected_n, left_n / max(expected_n, 1e-300), doubt_n, noise_n,
-        gain(there, before_n, after_n) if diagnosis.causes else None,
+        gain(there, before_n, after_n) if set(fit.model) - {"bias"} else None,
         tuple(caution for caution, true in cautions.items() if true and verdict == "confirmed"),
     )  # fmt: skip
     return Replay(confirmation, there.signals.t[rows], force_n, force_n - before_n, force_n - after_n)

@@ -72,11 +72,10 @@ def _elsewhere(population: Population, seeds: Iterable[int], jobs: int) -> None:
 
 def _numbers(each: Elsewhere) -> str:
     c, expected = each.confirmation, each.expected
-    range_ = "" if expected is None else f", expected {expected.gain_low:.2f} to {expected.gain_high:.2f}"
+    gain = "" if c.gain is None else f"; gain {c.gain.gain:.2f}"
+    gain += "" if expected is None else f", expected {expected.gain_low:.2f} to {expected.gain_high:.2f}"
     cautions = f" ({', '.join(c.cautions)})" if c.cautions else ""
-    return (
-        f"{c.verdict}{cautions}, ratio {c.ratio:.2f}; gain {each.gain:.2f}{range_}; speed x {each.faster:.1f}"
-    )
+    return f"{c.verdict}{cautions}, ratio {c.ratio:.2f}{gain}; speed x {each.faster:.1f}"
 
 
 def families() -> str:

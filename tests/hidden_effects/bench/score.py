@@ -98,14 +98,11 @@ class Elsewhere:
     description: str
 
     @property
-    def gain(self) -> float:
-        assert self.confirmation.gain is not None
-        return self.confirmation.gain.gain
-
-    @property
     def holds(self) -> bool:
-        assert self.expected is not None
-        return self.expected.gain_low <= self.gain <= self.expected.gain_high
+        expected, gain = self.expected, self.confirmation.gain
+        assert expected is not None
+        assert gain is not None
+        return expected.gain_low <= gain.gain <= expected.gain_high
 
 
 def elsewhere(population: Population, seed: int) -> Elsewhere | None:
