@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from forefeel.common.recording.recording import Recording
     from forefeel.library import (
         Cause,
+        Confirmation,
         Diagnosis,
         Evaluation,
         Model,
@@ -46,6 +47,7 @@ __all__ = [
     "Axis",
     "Cause",
     "Cell",
+    "Confirmation",
     "Diagnosis",
     "Evaluation",
     "ForefeelError",

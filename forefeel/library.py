@@ -30,36 +30,45 @@ from forefeel.diagnosis.evaluation.evaluate import evaluate as _evaluate
 from forefeel.diagnosis.verdict import Cause, VerdictName
 from forefeel.results.parallel import in_parallel
 from forefeel.results.verdict_text import headline
-from forefeel.simulate.motion import FollowedRecording, MotionPiece
-from forefeel.simulate.world import integrate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from forefeel.diagnosis.confirmation import ConfirmationName, Replay
     from forefeel.diagnosis.diagnose import Diagnosed
 
-__all__ = ["Cause", "Diagnosis", "Evaluation", "Model", "diagnose", "diagnose_folder", "evaluate"]
+__all__ = [
+    "Cause",
+    "Confirmation",
+    "Diagnosis",
+    "Evaluation",
+    "Model",
+    "diagnose",
+    "diagnose_folder",
+    "evaluate",
+]
 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """A contact model, as model.yaml holds it."""
+    """A contact model, as model.yaml holds it; `sense` is -1 where the recording that it was fitted to counts
+    force and position in opposite directions.
+    """
 
     contact: ContactModel
+    sense: float = 1.0
 
     def simulate(self, motion: Any) -> Recording:  # noqa: ANN401 - see `load`
         """The force of the model along the motion of a recording, from rest at its start, as a Recording with
-        the same stamps. Its position is the recorded one, low-passed and some 8 ms late; the contact begins
+        the same stamps and positions. The motion is conditioned as that of a diagnosis; the contact begins
         anew after each gap. ConfigurationError: a force that is not finite.
         """
-        recording = _recording(motion)
-        pieces = [
-            MotionPiece(FollowedRecording(recording, part), recording.time_s[part])
-            for part in recording.segments()
-        ]
-        position_m, force_n = integrate(self.contact, pieces, lambda _time_s: None)
-        name = self.contact.name
-        return Recording(name, recording.time_s, position_m, force_n, f"{name} along {recording.source}")
+        from forefeel.diagnosis.extended_model import simulated_n  # noqa: PLC0415 - as in `diagnose`
+
+        recording, name = _recording(motion), self.contact.name
+        force_n = self.sense * simulated_n(self.contact, recording)
+        source = f"{name} along {recording.source}"
+        return Recording(name, recording.time_s, recording.position_m, force_n, source)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -85,6 +94,23 @@ class Diagnosis:
     @property
     def causes(self) -> tuple[Cause, ...]:
         return self.details.diagnosis.causes
+
+    def confirm(self, recording: Any, as_is: bool = False) -> "Confirmation":  # noqa: ANN401 - see `load`
+        """Holds the model against another recording of the bench, with its own zero and phases there.
+
+        Raises:
+            RecordingError: that can not be diagnosed, or its units are not plausible (`as_is` asks nothing).
+        """
+        from forefeel.diagnosis.confirmation import confirm  # noqa: PLC0415 - as in `diagnose`
+        from forefeel.results.confirmation_text import confirmation_lines  # noqa: PLC0415
+        from forefeel.results.task import require_usable  # noqa: PLC0415
+
+        other = _recording(recording, force=True)
+        with units_of(other.columns), threadpool_limits(1):
+            require_usable(other, as_is)
+            replay = confirm(self.details, other)
+            lines = confirmation_lines(replay.confirmation, self.details.diagnosis)
+        return Confirmation(tuple(f"{label:<11} {text}" for label, text in lines), replay)
 
     def __str__(self) -> str:
         """The first line of each part of the answer, without what plain regressions saw before the search."""
@@ -122,6 +148,33 @@ class Diagnosis:
         return figure
 
 
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Confirmation:
+    """A model on another recording than its own; `print` says it in three lines.
+
+    Attributes:
+        lines: the answer in words.
+        details: numbers, see `forefeel.diagnosis.confirmation.Confirmation`, and the forces compared.
+    """
+
+    lines: tuple[str, ...]
+    details: "Replay"
+
+    @property
+    def verdict(self) -> "ConfirmationName":
+        return self.details.confirmation.verdict
+
+    @property
+    def ratio(self) -> float:
+        """Rms that the model leaves there over what is to be expected."""
+        return self.details.confirmation.ratio
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines)
+
+    __repr__ = __str__
+
+
 def diagnose(
     recording: Any,  # noqa: ANN401 - see `load`
     *beside: Any,  # noqa: ANN401
@@ -145,7 +198,8 @@ def diagnose(
     recordings = [_recording(source, force=True) for source in (recording, *beside)]
     with threadpool_limits(1):  # the arrays are small, and threads would wait
         answer = answered(recordings, given=given, as_is=as_is)
-    return Diagnosis(answer.details.recording, Model(answer.model), answer.lines, answer.details)
+    extended = Model(answer.model, answer.details.analysis.regression.sense)
+    return Diagnosis(answer.details.recording, extended, answer.lines, answer.details)
 
 
 def diagnose_folder(

@@ -87,6 +87,7 @@ class Candidate:
             contain zero; by default `coefficients`.
         picture: overrides that of its effect.
         costly: has many shapes, and is tried only where more than noise is left.
+        at_start: those of its coefficients, by index, that are a state at the recording's start.
     """
 
     form: str = ""
@@ -104,6 +105,7 @@ class Candidate:
     sizes: tuple[str, ...] | None = None
     picture: str = ""
     costly: bool = False
+    at_start: tuple[int, ...] = ()
 
     def of(self, kind: type[Effect]) -> Self:
         """Copy for that cause: `kind` is set unless the form names another effect."""
@@ -271,11 +273,9 @@ def within(kind: type[Effect], values: Values) -> Values:
 
 
 def entry(kind: type[Effect], values: Values) -> Entry:
-    """Entry of a model.yaml, values clipped to their bounds; shorthands count if no parameter is named."""
-    inside = within(kind, values)
-    if not inside:
-        inside = within(kind, {t: v for name, v in values.items() for t in kind.shorthands.get(name, ())})
-    return {"effect": kind.name, "parameters": inside}
+    """Entry of a model.yaml, values clipped to their bounds; a shorthand sets what is not named itself."""
+    spelled = {t: v for name, v in values.items() for t in kind.shorthands.get(name, ())}
+    return {"effect": kind.name, "parameters": within(kind, {**spelled, **values})}
 
 
 def base_name(name: str) -> str:

@@ -11,9 +11,9 @@ import operator
 from collections import deque
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, Self, TypeAlias
 
 import numpy as np
 
@@ -114,9 +114,11 @@ class Motion:
         """One piece, by its stamps."""
         return Motion(t, x, v, a, intervals_s(t))
 
-    def __getitem__(self, rows: Any) -> "Motion":  # noqa: ANN401 - any index of an array
+    def __getitem__(self, rows: Any) -> Self:  # noqa: ANN401 - any index of an array
         """Some of its samples, as one piece."""
-        return Motion(*(values[rows] for values in (self.t, self.x, self.v, self.a, self.dt)))
+        of = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "pieces"}
+        some = {name: values[rows] for name, values in of.items() if isinstance(values, np.ndarray)}
+        return replace(self, **some, pieces=(slice(None),))
 
     @property
     def rate(self) -> Array:

@@ -34,6 +34,7 @@ from forefeel.common.causes.base import (
     SensorEffect,
     Site,
 )
+from forefeel.common.causes.motion import Motion
 from forefeel.common.causes.runtime import ContactRuntime
 
 ENTRY_POINT_GROUP = "forefeel.effects"
@@ -141,7 +142,7 @@ def _try(kind: type[Effect]) -> None:
         if len(phi) != count or not all(map(isfinite, values)):
             raise ValueError(f"{values} beside mass, damper, spring; expected {count} regressors and a force")
     t = np.arange(3.0) * _TRIAL_STEP_S
-    runtime.forces_n(t, t, t, t)  # fails if an equation applies `if` to a value
+    runtime.forces_n(Motion.of(t, t, t, t))  # fails if an equation applies `if` to a value
 
 
 def _line(error: BaseException) -> str:

@@ -178,18 +178,18 @@ class ContactRuntime:
             force_n = reading(self._sample, force_n)
         return force_n
 
-    def columns(self, t: Array, x: Array, v: Array, a: Array, *, sensed: bool = False) -> Array:
-        """Returns phi_i at every stamp of a recording, from rest at the first; shape (n, linear names).
+    def columns(self, motion: Motion, *, sensed: bool = False) -> Array:
+        """Returns phi_i at every stamp of a recorded motion, from rest at the first; shape (n, linear names).
 
         Equals `regressors` step by step, but changes no state. `sensed`: passes each column through the
         linear sensor effects, such as a lag.
         """
-        stage = m = Motion.of(t, x, v, a)
+        stage = m = motion
         for moved in self._moved:
             m = moved(m)
         wall = WallMotion(self._contact, m)
         acting = [*(effect.columns(m) for effect in self._shaft), *(wall.columns(e) for e in self._wall)]
-        at_tip = np.concatenate([np.empty((len(t), 0)), *acting], axis=1)
+        at_tip = np.concatenate([np.empty((len(stage.t), 0)), *acting], axis=1)
         if self._factors:
             force_n = at_tip @ np.array(self.linear_values[len(self.linear_values) - at_tip.shape[1] :])
             at_tip *= np.prod([effect.factor(m, force_n) for effect in self._factors], axis=0)[:, None]
@@ -199,10 +199,9 @@ class ContactRuntime:
                 phi = np.stack([sensor.reading(stage, column) for column in phi.T], axis=1)
         return phi
 
-    def forces_n(self, t: Array, x: Array, v: Array, a: Array) -> Array:
-        """`step` at every stamp of a recording, from rest at the first; shape (n,)."""
-        force_n = np.asarray(self.columns(t, x, v, a) @ np.array(self.linear_values))
-        motion = Motion.of(t, x, v, a)
+    def forces_n(self, motion: Motion) -> Array:
+        """`step` at every stamp of a recorded motion, from rest at the first; shape (n,)."""
+        force_n = np.asarray(self.columns(motion) @ np.array(self.linear_values))
         for reading in self._readings:
             force_n = reading(motion, force_n)
         return force_n

@@ -155,11 +155,11 @@ class StressRelaxation(ForceEffect):
     words = "a force that fades while the instrument is held"
     equation = ("{stiffness_n_m} z; z' = x' - z/{time_constant_s}",)
     candidates = (
-        Form(shapes=("time_constant_s",), signs=(1, 0), beside=_earlier, grid=_times),
+        Form(shapes=("time_constant_s",), signs=(1, 0), beside=_earlier, grid=_times, at_start=(1,)),
         Form(
             form="two", elements=2, values=lambda shape: {"time_constant_s": shape[0]}, signs=(1, 0, 1, 0),
             beside=_earlier, grid=lambda extent: two(_times(extent, 6)), naming=_both,
-            sizes=("stiffness_n_m",), making=_branches,
+            sizes=("stiffness_n_m",), making=_branches, at_start=(1, 3),
         ),
     )  # fmt: skip
     lag = Lag()

@@ -168,7 +168,7 @@ class _Columns:
         model = self._causes.model(shape, self._origin_s)
         if self._factored:  # by the sum of all
             m = self._motions["sensor"]
-            columns = model.runtime().columns(m.t, m.x, m.v, m.a, sensed=True)
+            columns = model.runtime().columns(m, sensed=True)
             return columns[self._rows] * self._root[:, None]
         gate = None if self._contact is None else model.effects[self._contact]
         if gate != self._gate:
@@ -271,7 +271,7 @@ class Fitting:
         if self.before is None or self.searched:
             return False
         t, *motion, y = self.samples[:, self.samples[0] > self.samples[0, -1] - _RECALLED_S]
-        columns = self.before.model.runtime().columns(t, *motion, sensed=True)
+        columns = self.before.model.runtime().columns(Motion.of(t, *motion), sensed=True)
         off = (y - columns @ np.array(self.before.theta))[t > t[-1] - _RECENT_S]
         return bool(np.sqrt(np.mean(off**2)) > _CHANGED * self.before.noise_n)
 

@@ -21,6 +21,7 @@ from forefeel.terminal import output
     "forefeel diagnose run.csv",
     "forefeel diagnose seal.csv --time ms:t --position mm:laser --force N:load --out out/seal",
     "forefeel diagnose monday.csv tuesday.csv --together --out out/bench",
+    "forefeel diagnose monday.csv --confirm tuesday.csv --out out/bench",
     "forefeel diagnose recordings --jobs 4 --out out/all",
     "forefeel diagnose recordings --scheduler tcp://10.0.0.2:8786 --out out/all",
 )
@@ -36,6 +37,9 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
     together: Annotated[
         bool, typer.Option("--together", help="One answer to several recordings of one bench.")
     ] = False,
+    confirm: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Hold the model against another recording.")
+    ] = None,
     jobs: Annotated[int, typer.Option(metavar="N", min=1, help="Recordings of DIR at a time.")] = 1,
     scheduler: Annotated[
         str | None,
@@ -62,5 +66,5 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
     with output(as_json, quiet):
         columns = Mapping(time_column, position_column, force_column)
         given = load_model(model) if model else None
-        task = Task(files[0], (), columns, axis, given, replay, page, as_is)
+        task = Task(files[0], (), columns, axis, given, replay, page, as_is, confirm)
         run_diagnosis(files, out, task, together, jobs, scheduler, overwrite)

@@ -114,7 +114,7 @@ class Analysis:
         """rms of the noise in the band, at most the residual's; None where the recording does not show it."""
         if self.floor is None:
             return None
-        return min(_in_band_n(self.floor, self.regression.signals), self.residual_rms_n)
+        return min(in_band_n(self.floor, self.regression.signals), self.residual_rms_n)
 
     def flags(self) -> tuple[str, ...]:
         """Names of what limits the trust in the result, empty without any: `non_uniform` (stamps), `gaps`,
@@ -164,7 +164,7 @@ def analyse(
     names = [name for name in every if recording.rotary or not cause_class(name).rotary]
     if motion_kind(signals) == "constant_speed":
         names = []  # a line in time, beside which nothing can be told
-    search = Search(regression, names, 0.0 if floor is None else _in_band_n(floor, signals))
+    search = Search(regression, names, 0.0 if floor is None else in_band_n(floor, signals))
     fit = search.run_from_several(None if floor is None else 1.5 * search.noise_n)
     for _ in range(_ROUNDS):
         known = set(fit.model)
@@ -223,7 +223,7 @@ def _require(regression: RecordingRegression, recording: Recording, least: int) 
         raise RecordingError(f"{recording.source}: fewer than {least} samples of the force can be compared")
 
 
-def _in_band_n(floor: NoiseFloor, signals: Signals) -> float:
+def in_band_n(floor: NoiseFloor, signals: Signals) -> float:
     return floor.rms_n(1.0 / float(signals.t[-1] - signals.t[0]), signals.cutoff_hz)
 
 

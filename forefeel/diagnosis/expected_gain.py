@@ -20,9 +20,8 @@ import numpy as np
 from numpy.random import Generator
 from scipy.fft import irfft, rfft
 
+from forefeel.common.causes.catalogue import CANDIDATES, cause_class
 from forefeel.common.error_size import Floats
-from forefeel.common.errors import RecordingError
-from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.residual import predictable_share
@@ -49,14 +48,18 @@ def with_expectation(diagnosis: Diagnosis, analysis: Analysis) -> Diagnosis:
     """
     if not diagnosis.names_causes or not set(analysis.fit.model) - {"bias"}:
         return diagnosis
-    regression = analysis.regression
-    base, left_n = analysis.base, diagnosis.held_out.rmse_after_n
-    if diagnosis.noise_floor_n is None:
-        noise_share = 1.0 - predictable_share(regression, regression.residual(analysis.fit))
-    else:
-        noise_share = min(1.0, (diagnosis.noise_floor_n / left_n) ** 2)
-    expected = expected_gain(regression, base, analysis.fit, left_n, noise_share)
+    left_n, share = diagnosis.held_out.rmse_after_n, noise_share(diagnosis, analysis)
+    expected = expected_gain(analysis.regression, analysis.base, analysis.fit, left_n, share)
     return replace(diagnosis, other_motion=expected)
+
+
+def noise_share(diagnosis: Diagnosis, analysis: Analysis) -> float:
+    """Share, 0 to 1, of the power of what the model leaves that is noise: by the noise floor, or where that
+    is unknown what the residual's own past does not foretell.
+    """
+    if diagnosis.noise_floor_n is None:
+        return 1.0 - predictable_share(analysis.regression, analysis.regression.residual(analysis.fit))
+    return min(1.0, (diagnosis.noise_floor_n / diagnosis.held_out.rmse_after_n) ** 2)
 
 
 def expected_gain(
@@ -73,14 +76,11 @@ def expected_gain(
         noise_share: share of its power that is noise.
     """
     rng = np.random.default_rng(0)
-    covariance = covariance_of(regression, fit)
-    errors = rng.multivariate_normal(
-        np.zeros(len(covariance)), covariance, _DRAWS, method="eigh", check_valid="ignore"
-    )
-    here_n2 = float(np.mean(_difference_n(regression, base, fit) ** 2))
+    errors = parameter_errors(regression, fit, rng)
+    here_n2 = powers(regression, base, fit, errors)[2]
     ratios: list[Floats] = []
     for other in _along_other_motions(regression, rng):
-        wrong_n2, plain_n2, there_n2 = _powers(other, base, fit, errors)
+        wrong_n2, plain_n2, there_n2 = powers(other, base, fit, errors)
         shown = np.exp(_MISFIT * rng.standard_normal(_DRAWS)) * there_n2 / max(here_n2, 1e-300)
         left_n2 = left_n**2 * (noise_share + (1.0 - noise_share) * shown)
         ratio = np.sqrt((wrong_n2 + left_n2) / (plain_n2 + left_n2))
@@ -92,20 +92,35 @@ def expected_gain(
     return ExpectedGain(middle, low, high, extent.low_m, extent.high_m, extent.speed_m_s)
 
 
-def _powers(
+def parameter_errors(regression: RecordingRegression, fit: ModelFit, rng: Generator) -> Floats:
+    """Draws of the errors of coefficients, then shapes, shape (draws, parameters)."""
+    covariance = covariance_of(regression, fit)
+    mean = np.zeros(len(covariance))
+    return rng.multivariate_normal(mean, covariance, _DRAWS, method="eigh", check_valid="ignore")
+
+
+def powers(
     other: RecordingRegression, base: ModelFit, fit: ModelFit, errors: Floats
 ) -> tuple[Floats, Floats, float]:
-    """(|J d|^2, |J d + c|^2) of each draw, and |c|^2, in N^2."""
-    j = np.hstack([plain_columns(other, fit), slopes_of(other, fit, white=False)])[other.signals.rows]
-    c = _difference_n(other, base, fit)
-    gram, mixed, there_n2 = j.T @ j / len(j), j.T @ c / len(j), float(np.mean(c**2))
+    """(|J d|^2, |J d + c|^2) of each draw, and |c|^2, in N^2, less what is sized anew there."""
+    j = np.hstack([plain_columns(other, fit), slopes_of(other, fit, white=False)])
+    c = other.predicted(fit) - other.predicted(base)
+    j, c = np.hsplit(less_own(other, fit, np.column_stack([j, c])), [-1])
+    gram, mixed, there_n2 = j.T @ j / len(j), j.T @ c[:, 0] / len(j), float(np.mean(c**2))
     wrong_n2 = np.maximum(np.einsum("di,ij,dj->d", errors, gram, errors), 0.0)
     return wrong_n2, np.maximum(wrong_n2 + 2.0 * errors @ mixed + there_n2, 0.0), there_n2
 
 
-def _difference_n(regression: RecordingRegression, base: ModelFit, fit: ModelFit) -> Floats:
-    """Force of the extended model less the simulation's, in N, at the rows that count."""
-    return np.asarray((regression.predicted(fit) - regression.predicted(base))[regression.signals.rows])
+def less_own(regression: RecordingRegression, fit: ModelFit, columns: Floats) -> Floats:
+    """Columns at the rows that count, less what they have of those that any run of the bench sizes anew: the
+    zero of the cell, and the columns of the fit's causes that hold for their run only, or for its start.
+    """
+    rows, anew = regression.rows, [regression.block({}, "bias", ())]
+    for name, shape in fit.model.items():
+        kind, block = cause_class(name), regression.block(fit.model, name, shape)
+        anew.append(block if kind.clocked or kind.of_its_run else block[:, list(CANDIDATES[name].at_start)])
+    table = np.hstack(anew)[rows]
+    return np.asarray(columns[rows] - table @ np.linalg.lstsq(table, columns[rows], rcond=1e-9)[0])
 
 
 def _along_other_motions(regression: RecordingRegression, rng: Generator) -> Iterator[RecordingRegression]:
@@ -118,10 +133,8 @@ def _along_other_motions(regression: RecordingRegression, rng: Generator) -> Ite
     t = signals.fine_t[inside]
     t, x = t[t <= t[0] + _LONGEST_S], signals.fine_x[inside][t <= t[0] + _LONGEST_S]
     for path in _other_paths(t, x, rng):
-        recording = Recording("other", t + signals.origin_s, path, np.zeros_like(t), "other")
-        try:
-            other = Signals(recording, np.zeros_like(t), signals.cutoff_hz, np.zeros(len(t), dtype=np.bool_))
-        except RecordingError:
+        other = Signals.of_motion(t + signals.origin_s, path, signals.cutoff_hz)
+        if other is None:
             continue
         other.moved_to(signals.origin_s)
         yield regression.like(other)

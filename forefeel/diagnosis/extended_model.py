@@ -4,13 +4,20 @@ Times are the recording's own stamps. Where the recording shows the reaction the
 resists.
 """
 
+import numpy as np
+
 from forefeel.common.causes.candidate import Entry, Fitted, entry
 from forefeel.common.causes.catalogue import CANDIDATES, cause_class
 from forefeel.common.causes.model import SCHEMA, ContactModel
+from forefeel.common.causes.motion import Motion
 from forefeel.common.causes.registry import OWN
 from forefeel.common.causes.wall import MassDamperSpring
+from forefeel.common.error_size import Floats
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis
-from forefeel.diagnosis.regression import ModelFit, mass_site
+from forefeel.diagnosis.regression import ModelFit, forces_along, mass_site, motion_grid
+from forefeel.diagnosis.signals import WIDEST, Signals, gapless, speed_band_m_s
 
 FIXTURE = "unmodelled_resonance:fixture"
 
@@ -35,6 +42,33 @@ def extended_model(analysis: Analysis, name: str) -> ContactModel:
         for fault in analysis.faults
     ]
     return ContactModel.from_mapping({"schema": SCHEMA, "name": name, "effects": effects})
+
+
+def simulated_n(model: ContactModel, recording: Recording) -> Floats:
+    """Force of the model, whose positive resists, at the stamps of a recording, by which its times count:
+    from rest along the motion as a diagnosis conditions it, up to 0.45 of the sampling rate. Each piece
+    without gaps is a new contact; one too short to be conditioned is derived by differences.
+
+    Raises:
+        ConfigurationError: the force is not finite.
+    """
+    force_n = np.empty(len(recording))
+    for piece in gapless(recording):
+        t, x = recording.time_s[piece], recording.position_m[piece]
+        signals = Signals.of_motion(t, x, WIDEST * recording.rate_hz)
+        if signals is None:
+            v = np.gradient(x, t) if len(t) > 1 else np.zeros_like(x)
+            force_n[piece] = model.runtime().forces_n(Motion.of(t, x, v, np.zeros_like(x)))
+            continue
+        reach_hz = min(2.0 * signals.cutoff_hz, signals.motion_reach_hz)
+        motion = motion_grid(signals, speed_band_m_s(signals.even_m, signals.even_hz, reach_hz))
+        force_n[piece] = np.interp(t, motion.t + t[0], forces_along(model, motion, float(t[0])))
+    for index in np.flatnonzero(~np.isfinite(force_n))[:1]:
+        raise ConfigurationError(
+            f"model {model.name!r}: gives {force_n[index]} N at {recording.time_s[index]:g} s, expected a "
+            "finite force"
+        )
+    return force_n
 
 
 def _base(fit: ModelFit, mass: float, damping: float, stiffness: float) -> list[Entry]:

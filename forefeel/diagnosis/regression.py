@@ -6,7 +6,7 @@ their shape parameters; mass, damping and stiffness always take part.
 
 from collections import OrderedDict
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import TypeVar
 
@@ -169,13 +169,7 @@ class RecordingRegression:
     ) -> None:
         self.signals, self.parts_s = signals, parts_s
         self.extent = extent_of(signals, speed_band)
-        s, grids = signals, zip(signals.piecewise(), signals.piecewise(fine=False), strict=True)
-        force = np.concatenate([np.interp(s.fine_t[f], s.t[c], s.force[c]) for f, c in grids])
-        self._motion = MotionGrid(
-            s.fine_t, s.fine_x, s.fine_v, s.fine_a,
-            np.concatenate([intervals_s(s.fine_t[p]) for p in s.piecewise()]), tuple(s.piecewise()),
-            touching=np.ones_like(s.fine_t), speed_band=speed_band, decimated=s.decimated, force=force,
-        )  # fmt: skip
+        s, self._motion = signals, motion_grid(signals, speed_band)
         self._motions: OrderedDict[object, MotionGrid] = OrderedDict()
         self._spectra: OrderedDict[object, Spectrum] = OrderedDict()
         self._whitened: OrderedDict[object, Block] = OrderedDict()
@@ -299,9 +293,8 @@ class RecordingRegression:
 
     def force_of(self, model: ContactModel) -> Floats:
         """Force of another model, whose positive resists, along the recorded motion, on the coarse grid."""
-        m, start_s = self._motion, self.signals.origin_s
-        forces = [model.runtime().forces_n(m.t[p] + start_s, m.x[p], m.v[p], m.a[p]) for p in m.pieces]
-        return self.sense * self.signals.column(self.signals.spectrum(np.concatenate(forces)))
+        force_n = forces_along(model, self._motion, self.signals.origin_s)
+        return self.sense * self.signals.column(self.signals.spectrum(force_n))
 
     def residual(self, fit: ModelFit) -> Floats:
         """Force less the model's, on the coarse grid."""
@@ -419,6 +412,23 @@ class RecordingRegression:
                 if min(shares) < _LEAST_SIDE:
                     return False
         return True
+
+
+def motion_grid(s: Signals, speed_band: float) -> MotionGrid:
+    """Motion and force of conditioned signals on their fine grid; speeds within the band are noise."""
+    grids = zip(s.piecewise(), s.piecewise(fine=False), strict=True)
+    return MotionGrid(
+        s.fine_t, s.fine_x, s.fine_v, s.fine_a,
+        np.concatenate([intervals_s(s.fine_t[p]) for p in s.piecewise()]), tuple(s.piecewise()),
+        touching=np.ones_like(s.fine_t), speed_band=speed_band, decimated=s.decimated,
+        force=np.concatenate([np.interp(s.fine_t[f], s.t[c], s.force[c]) for f, c in grids]),
+    )  # fmt: skip
+
+
+def forces_along(model: ContactModel, motion: MotionGrid, start_s: float) -> Floats:
+    """Force of a model along a motion that begins at the stamp `start_s`; each piece is a new contact."""
+    timed = replace(motion, t=motion.t + start_s)
+    return np.concatenate([model.runtime().forces_n(timed[piece]) for piece in motion.pieces])
 
 
 def _has_no_column(candidate: Candidate | None) -> bool:

@@ -115,6 +115,15 @@ class Signals:
             [2.0 * np.pi * np.arange(p.coarse // 2 + 1) / p.span_s for p in self.pieces]
         )
 
+    @classmethod
+    def of_motion(cls, time_s: Floats, position_m: Floats, cutoff_hz: float) -> "Signals | None":
+        """Conditions a motion without a force; None where it is too short."""
+        none_n, nowhere = np.zeros_like(time_s), np.zeros(len(time_s), dtype=np.bool_)
+        try:
+            return cls(Recording("", time_s, position_m, none_n, ""), none_n, cutoff_hz, nowhere)
+        except RecordingError:
+            return None
+
     @property
     def decimated(self) -> bool:
         """True if the fine grid is coarser than the samples."""
@@ -370,7 +379,7 @@ def extent_of(signals: Signals, speed_band: float) -> Extent:
 
 
 _LEAST_HZ = 30.0
-_MOST = 0.45  # of the sampling rate
+WIDEST = 0.45  # cutoff of the sampling rate, at most
 _SHARE = 0.9
 _BEYOND = 1.2
 MOST_ROWS = 9_000
@@ -384,7 +393,7 @@ def cutoff_hz(recording: Recording, force_n: Floats) -> float:
     `MOST_ROWS`, for a long recording that is slower than half of that.
     """
     rate = recording.rate_hz
-    most, least = _MOST * rate, min(_LEAST_HZ, _MOST * rate)
+    most, least = WIDEST * rate, min(_LEAST_HZ, WIDEST * rate)
     piece = longest_piece(recording)
     x, f = recording.position_m[piece], force_n[piece]
     count = int(min(max(256, 2.0 * rate), len(x) // 4))

@@ -8,7 +8,9 @@ import numpy as np
 from forefeel.common.causes.candidate import base_name
 from forefeel.common.causes.catalogue import cause_class, words
 from forefeel.common.causes.model import ContactModel
+from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.confirmation import Replay
 from forefeel.diagnosis.diagnose import Diagnosed
 from forefeel.diagnosis.plain_regressions import explained_share
 from forefeel.diagnosis.plain_regressions import strokes as strokes_in_band
@@ -17,6 +19,7 @@ from forefeel.diagnosis.verdict import Diagnosis, Look
 from forefeel.report.drawing import AxisUnit, Figure, Layer, binned, cloud, line, loop, panel, spec
 from forefeel.report.template import render
 from forefeel.report.wording import plain_value, shown
+from forefeel.results.confirmation_text import confirmation_lines
 from forefeel.results.curves import LEFT, MODEL, Curves, Rows, near, strokes
 from forefeel.results.pictures import HEIGHT_PX, picture, sensor_picture, spectrum, timeline
 from forefeel.results.verdict_text import answer_lines, failure, gain_text, headline, next_steps, on_readings
@@ -30,9 +33,10 @@ def render_page(
     diagnosed: Diagnosed,
     across: Across | str | None,
     given: ContactModel | None = None,
+    replay: Replay | None = None,
 ) -> str:
     """HTML page of a diagnosis; a figure that fails is one line in its place. `across`: the prediction, None,
-    or why it failed; `given`: the simulation, None: the fitted one.
+    or why it failed; `given`: the simulation, None: the fitted one; `replay`: the model on another recording.
     """
     diagnosis, curves = diagnosed.diagnosis, Curves.of(diagnosed.analysis, given)
     predicted = across if isinstance(across, Across) else None
@@ -51,6 +55,8 @@ def render_page(
         headline=headline(diagnosis),
         steps=next_steps(diagnosis, across),
         said=answer_lines(diagnosis, across, None if given is None else given.name),
+        confirmed=[] if replay is None else confirmation_lines(replay.confirmation, diagnosis),
+        replayed=None if replay is None else _draw(partial(_replayed, replay)),
         gain=gain_text(diagnosis.held_out),
         on_readings=on_readings(diagnosis),
         given=given,
@@ -73,12 +79,11 @@ def _draw(draw: Callable[[], Figure]) -> Figure:
         return Figure(NOT_DRAWN, failure(error), 0, ())
 
 
-def worst_stretch(curves: Curves, length_s: float = _WORST_S) -> tuple[float, float]:
-    """Begin and end, in s since the start, of the slot of `length_s` in which the simulation has the largest
-    mean square error. Slots lie end to end from the first row; one with half the rows of the fullest or fewer
-    does not count.
+def worst_stretch(t: Floats, error_n: Floats, length_s: float = _WORST_S) -> tuple[float, float]:
+    """Begin and end, in s since the start, of the slot of `length_s` with the largest mean square error.
+    Slots lie end to end from the first row; one with half the rows of the fullest or fewer does not count.
     """
-    t, error = curves.t[curves.rows], curves.before[curves.rows] ** 2
+    error = error_n**2
     stretch = np.floor((t - t[0]) / length_s).astype(np.int64)
     total = np.bincount(stretch, error)
     count = np.bincount(stretch)
@@ -91,8 +96,8 @@ def _worst(curves: Curves, diagnosis: Diagnosis) -> Figure:
     """Figure of measured, simulated and extended force in the 5 s where the simulation errs most, and below
     of what is left there.
     """
-    start, end = worst_stretch(curves)
     t = curves.t[curves.rows]
+    start, end = worst_stretch(t, curves.before[curves.rows])
     rows = curves.rows[(t >= start) & (t <= end)]
     simulation = f"simulation ({'the given model' if curves.given else 'fitted'})"
     parts = [("measured", "measured", curves.force[rows]), (simulation, LEFT, curves.simulated[rows])]
@@ -102,6 +107,24 @@ def _worst(curves: Curves, diagnosis: Diagnosis) -> Figure:
     caption = f"{start:.1f} to {end:.1f} s, where the simulation errs most; below, what is left of the force."
     drawn = spec([above, _residual(curves, diagnosis, rows)], unit="s")
     return Figure("Force, measured and simulated", caption, 440, (drawn,))
+
+
+def _replayed(replay: Replay) -> Figure:
+    """Figure of measured, simulated and extended force in the 5 s of the other recording where the model errs
+    most.
+    """
+    start, end = worst_stretch(replay.t, replay.force_n - replay.extended_n)
+    rows = (replay.t >= start) & (replay.t <= end)
+    parts = [
+        ("measured", "measured", replay.force_n[rows]),
+        ("simulation", LEFT, replay.simulated_n[rows]),
+        ("extended by the causes", MODEL, replay.extended_n[rows]),
+    ]
+    drawn = spec(
+        [timeline("force", replay.t[rows], parts if replay.confirmation.gain else parts[:2], 0.1)], unit="s"
+    )
+    caption = f"{replay.confirmation.recording}, {start:.1f} to {end:.1f} s, where the model errs most."
+    return Figure("Force of the other recording, measured and simulated", caption, HEIGHT_PX, (drawn,))
 
 
 def _residual(curves: Curves, diagnosis: Diagnosis, rows: Rows) -> Layer:

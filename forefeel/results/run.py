@@ -52,6 +52,8 @@ def run_diagnosis(
             f"{beside[0]}: a second recording; expected --together for one answer to all, or a folder"
         )
     task = replace(task, file=first, beside=tuple(beside))
+    if first.is_dir() and task.confirm is not None:
+        raise ConfigurationError(f"--confirm: {first} is a folder; expected one recording, or --together")
     if first.is_dir():
         run_folder(task, out, jobs, scheduler, overwrite)
         return

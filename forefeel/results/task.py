@@ -26,10 +26,12 @@ from forefeel.common.recording.units import Mapping as ColumnMapping
 from forefeel.common.recording.units import Quantity, parse_column, rescaled
 from forefeel.common.yaml_file import dump_mapping
 from forefeel.diagnosis.analysis import Progress
-from forefeel.diagnosis.diagnose import Diagnosed, diagnose
+from forefeel.diagnosis.confirmation import Replay, confirm
+from forefeel.diagnosis.diagnose import Diagnosed, check, diagnose
 from forefeel.diagnosis.extended_model import extended_model
 from forefeel.diagnosis.plausibility import Question, question
 from forefeel.diagnosis.verdict import Diagnosis
+from forefeel.results.confirmation_text import confirmation_lines
 from forefeel.results.verdict_text import answer, failure
 
 if TYPE_CHECKING:
@@ -44,8 +46,9 @@ Tell = Callable[[str], None]
 class Task:
     """A diagnosis to make. `given` is the simulation to compare with; `axis` one of an MCAP file.
 
-    `beside`: further recordings of the same bench, for one answer to all. `replay`: whether the force is
-    predicted across a delay, too. `page`: whether report.html is made. `as_is`: nothing is asked about units.
+    `beside`: further recordings of the same bench, for one answer to all. `confirm`: another one that the
+    model is held against. `replay`: whether the force is predicted across a delay, too. `page`: whether
+    report.html is made. `as_is`: nothing is asked about units.
     """
 
     file: Path
@@ -56,6 +59,7 @@ class Task:
     replay: bool = True
     page: bool = True
     as_is: bool = False
+    confirm: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +108,7 @@ def answered(
     """
     with units_of(*[source.columns for source in recordings]):
         for recording in recordings:
-            if not as_is and (asked := question(recording)) is not None:
-                raise _doubt(recording, asked)
+            require_usable(recording, as_is)
         details = diagnose(recordings[0], progress, given, recordings[1:])
         lines = answer(details.recording, details.diagnosis, None, None if given is None else given.name)
     named = details.diagnosis.names_causes
@@ -114,6 +117,15 @@ def answered(
         title = f"{details.recording.name}, {details.diagnosis.verdict}: mass, damper, spring and bias"
     model = extended_model(details.analysis if named else details.analysis.baseline(), title)
     return Answered(details, model, tuple(lines))
+
+
+def require_usable(recording: Recording, as_is: bool) -> None:
+    """Raises RecordingError where a recording can not be diagnosed, or unless `as_is` its units are not
+    plausible.
+    """
+    if not as_is and (asked := question(recording)) is not None:
+        raise _doubt(recording, asked)
+    check(recording)
 
 
 def _doubt(recording: Recording, asked: Question) -> RecordingError:
@@ -171,7 +183,12 @@ def _examine(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
     given model's force is not finite. `tell` gets each stage.
     """
     tell("reading")
-    recordings = [load_recording(f, task.columns, task.axis, force=True) for f in (task.file, *task.beside)]
+    files = [task.file, *task.beside, *([task.confirm] if task.confirm else [])]
+    recordings = [load_recording(f, task.columns, task.axis, force=True) for f in files]
+    other = recordings.pop() if task.confirm else None
+    if other is not None:
+        with units_of(other.columns):
+            require_usable(other, task.as_is)  # before the diagnosis, which takes longer
     judged = answered(recordings, tell, task.given, task.as_is)
     recording, diagnosis = judged.details.recording, judged.details.diagnosis
     if not isfinite(diagnosis.baseline.rmse_n):
@@ -185,20 +202,30 @@ def _examine(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
     if named and task.replay:  # without a cause there is no other model to predict with
         tell("prediction")
         across = _prediction(recording, model, judged.details.analysis.regression.sense)
-    texts = {MODEL: dump_mapping(model.to_mapping()), JSON: _document(judged.details, across)}
+    replay = None
+    if other is not None:
+        tell("confirmation")
+        replay = confirm(judged.details, other)
+    texts = {MODEL: dump_mapping(model.to_mapping()), JSON: _document(judged.details, across, replay)}
     given = None if task.given is None else task.given.name
-    taken = [(f"{run.name}: " if task.beside else "") + run.taken for run in recordings if run.taken]
-    lines = (*taken, *answer(recording, diagnosis, across, given))
-    return Result(diagnosis, lines, texts, recording.columns), partial(_page, task, judged.details, across)
+    runs = [run for run in (*recordings, other) if run is not None]
+    taken = [(f"{run.name}: " if len(runs) > 1 else "") + run.taken for run in runs if run.taken]
+    *lines, disclaimer = answer(recording, diagnosis, across, given)
+    if replay is not None:
+        with units_of(recording.columns):
+            labelled = confirmation_lines(replay.confirmation, diagnosis)
+        lines += [f"{label:<11} {text}" for label, text in labelled]
+    page = partial(_page, task, judged.details, across, replay)
+    return Result(diagnosis, (*taken, *lines, disclaimer), texts, recording.columns), page
 
 
-def _page(task: Task, diagnosed: Diagnosed, across: "Across | str | None") -> str:
+def _page(task: Task, diagnosed: Diagnosed, across: "Across | str | None", replay: Replay | None) -> str:
     """Text of report.html; RunError whatever fails in it."""
     try:
         from forefeel.results.page import render_page  # noqa: PLC0415 - loads what draws
 
         with threadpool_limits(1), units_of(diagnosed.recording.columns):
-            return render_page(diagnosed.recording, diagnosed, across, task.given)
+            return render_page(diagnosed.recording, diagnosed, across, task.given, replay)
     except Exception as error:
         raise RunError(f"{task.file}: diagnosed, but {PAGE} failed, {failure(error)}") from error
 
@@ -219,9 +246,10 @@ def _prediction(recording: Recording, model: ContactModel, sense: float) -> "Acr
         return failure(error)
 
 
-def _document(diagnosed: Diagnosed, across: "Across | str | None") -> str:
+def _document(diagnosed: Diagnosed, across: "Across | str | None", replay: Replay | None) -> str:
     document = {
         **diagnosed.diagnosis.to_mapping(),
+        "confirmation": None if replay is None else asdict(replay.confirmation),
         "prediction_300_ms": None if across is None or isinstance(across, str) else asdict(across),
     }
     return json.dumps(_finite(document), indent=2, allow_nan=False) + "\n"

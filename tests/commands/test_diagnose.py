@@ -69,7 +69,50 @@ def test_recording_leaves_results_in_folder_named_after_it(
     assert contents(out) == before
     assert run(["diagnose", "strokes.csv", "--overwrite", "--no-replay", "--no-page"]) == 0
     assert names(out) == FILES - {"report.html"}
-    assert document(out)["prediction_300_ms"] is None
+    assert document(out)["prediction_300_ms"] is document(out)["confirmation"] is None
+
+
+def test_model_is_held_against_another_recording(
+    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    first = put(tmp_path / "monday.csv", made(friction_n=FRICTION_N))
+    other = made(6.0, friction_n=FRICTION_N, bias_n=0.2, name="tuesday")
+    second = put(tmp_path / "tuesday.csv", other)
+    out = tmp_path / "out"
+    words = ["diagnose", str(first), "--confirm", str(second), "--no-replay", "--out", str(out)]
+    assert run(words) == 0
+    assert "\nConfirmed   on tuesday: off by " in capsys.readouterr().out
+    confirmation = document(out)["confirmation"]
+    assert confirmation["verdict"] == "confirmed"  # type: ignore[index]
+    assert confirmation["gain"]["gain_low"] > 0.5  # type: ignore[index]
+    assert "Force of the other recording, measured and simulated" in (out / "report.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("files", "expected"),
+    [
+        (["a.csv", "--confirm", "short.csv"], "short.csv: 1.99 s long, expected at least 3 s"),
+        (["a.csv", "--confirm", "missing.csv"], "missing.csv"),
+        ([".", "--confirm", "a.csv"], "--confirm: . is a folder"),
+    ],
+)
+def test_what_can_not_confirm_is_refused_before_the_diagnosis(
+    run: Run,
+    capsys: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    files: list[str],
+    expected: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("forefeel.results.task.diagnose", None)
+    put(tmp_path / "a.csv", made())
+    put(tmp_path / "short.csv", made(2.0))
+    assert run(["diagnose", *files, "--out", "out"]) == 2
+    error = capsys.readouterr().err
+    assert expected in error
+    assert len(error.splitlines()) == 1
+    assert not (tmp_path / "out" / "diagnosis.json").exists()
 
 
 def test_recordings_answer_together_what_none_answers_alone(run: Run, tmp_path: Path) -> None:

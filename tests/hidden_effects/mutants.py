@@ -69,7 +69,7 @@ def scaled(factor: float) -> Mutate:
 
 def widened(factor: float) -> Mutate:
     """Multiplies the width of every interval."""
-    return lambda patch: patch.setattr(uncertainty, "_WIDER", factor * uncertainty._WIDER)
+    return lambda patch: patch.setattr(uncertainty, "WIDER", factor * uncertainty.WIDER)
 
 
 def answering(verdict: VerdictName, instead_of: VerdictName) -> Mutate:

@@ -161,18 +161,19 @@ def test_a_composition_at_once_is_what_its_steps_are(seed: int, places: set[int]
     steps = np.stack((*motion, np.diff(motion[0], prepend=motion[0][0])), axis=1).tolist()
     regressed, stepped, at_once = model.runtime(), model.runtime(), model.runtime()
     phi = np.array([regressed.regressors(*at) for at in steps]).reshape(len(steps), -1)
-    assert_same(at_once.columns(*motion), phi)
+    assert_same(at_once.columns(Motion.of(*motion)), phi)
     force_n = np.array([stepped.step(*at) for at in steps])
-    assert_same(at_once.forces_n(*motion), force_n)
+    assert_same(at_once.forces_n(Motion.of(*motion)), force_n)
 
 
 def test_linear_sensors_may_be_taken_of_each_column() -> None:
     effects = [*MEMORY[2:5], {"effect": "sensor_lag", "parameters": {"time_constant_s": 0.02}}]
     model = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "any", "effects": effects})
     runtime, motion = model.runtime(), random_motion(8)
-    sensed = runtime.columns(*motion, sensed=True) @ np.array(runtime.linear_values)
-    assert_same(sensed, runtime.forces_n(*motion))
-    assert not np.allclose(sensed, runtime.columns(*motion) @ np.array(runtime.linear_values), atol=1e-6)
+    values = np.array(runtime.linear_values)
+    sensed = runtime.columns(Motion.of(*motion), sensed=True) @ values
+    assert_same(sensed, runtime.forces_n(Motion.of(*motion)))
+    assert not np.allclose(sensed, runtime.columns(Motion.of(*motion)) @ values, atol=1e-6)
 
 
 def test_every_effect_says_what_it_looks_like() -> None:

@@ -7,6 +7,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from forefeel.common.causes.model import SCHEMA, ContactModel
+from forefeel.common.causes.motion import Motion
 from forefeel.common.estimation.contact_prior import ContactPrior, exactly, widened
 from forefeel.slave.plant.presets import PRESETS
 from tests.unit.predictor_samples import Sample, replayed
@@ -41,7 +42,7 @@ def moved(world: str, rate_hz: float, rest_s: float, creep_m_s: float, seed: int
     smooth = share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
     x = np.where(t < rest_s, 0.0, before_m + (turns_m[start] - before_m) * smooth)
     v = np.gradient(x, t)
-    f = WORLDS[world].runtime().forces_n(t, x, v, np.gradient(v, t))
+    f = WORLDS[world].runtime().forces_n(Motion.of(t, x, v, np.gradient(v, t)))
     noise_n = rng.uniform(0.002, 0.02) * f.std()
     return Sample(t, np.round(x / 1e-6) * 1e-6, f + rng.normal(0.0, noise_n, len(t)))
 

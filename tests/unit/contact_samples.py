@@ -7,6 +7,7 @@ from math import pi
 import numpy as np
 
 from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.motion import Motion
 from forefeel.common.estimation.contact import Contact, ContactExpert, ContactFit
 from forefeel.common.estimation.contact_model import Array
 from forefeel.common.estimation.contact_prior import ContactPrior
@@ -51,7 +52,7 @@ def session(duration_s: float, seed: int = 1, more: tuple[dict[str, object], ...
         x += size_m * (np.cos(phase) - np.cos(w * on + phase))
         v += np.where(on > 0.0, size_m * w * np.sin(w * on + phase), 0.0)
         a += np.where(on > 0.0, size_m * w**2 * np.cos(w * on + phase), 0.0)
-    force_n = world(*more).runtime().forces_n(t, x, v, a) + 0.002 * random.standard_normal(len(t))
+    force_n = world(*more).runtime().forces_n(Motion.of(t, x, v, a)) + 0.002 * random.standard_normal(len(t))
     return Session(t, x, v, a, force_n)
 
 

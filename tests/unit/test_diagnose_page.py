@@ -195,8 +195,8 @@ def test_a_tremor_is_no_reversal_and_a_stroke_is(rubbing: Diagnosed) -> None:
 
 def test_the_worst_stretch_is_where_the_error_is(rubbing: Diagnosed) -> None:
     curves = Curves.of(rubbing.analysis, None)
-    bad = curves.extended + np.where((curves.t > 5.0) & (curves.t < 5.8), 1.0, 0.0)
-    start, end = worst_stretch(replace(curves, simulated=bad), 1.0)
+    bad = curves.after + np.where((curves.t > 5.0) & (curves.t < 5.8), 1.0, 0.0)
+    start, end = worst_stretch(curves.t, bad, 1.0)
     assert start < 5.5 < end
 
 

@@ -7,6 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d
 
 from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.motion import Motion
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import analyse
@@ -36,7 +37,7 @@ def noisy(t: Floats, x: Floats, force: Floats) -> Recording:
 
 def recorded(*effects: dict[str, object], rate_hz: float = RATE_HZ) -> Recording:
     t, x, v, a = motion(rate_hz)
-    return noisy(t, x, model(*effects).runtime().forces_n(t, x, v, a))
+    return noisy(t, x, model(*effects).runtime().forces_n(Motion.of(t, x, v, a)))
 
 
 def body(
@@ -58,7 +59,7 @@ def test_play_is_named_by_the_side_of_the_mass() -> None:
         (cause,) = found.diagnosis.causes
         assert cause.name == name
         assert cause.parameters["width_m"].value == pytest.approx(8e-4, rel=0.03)
-        said = extended_model(found.analysis, "made").runtime().forces_n(*motion())
+        said = extended_model(found.analysis, "made").runtime().forces_n(Motion.of(*motion()))
         assert recording.force_n is not None
         assert np.std((said - recording.force_n)[200:-200]) < 4e-3
 
@@ -80,7 +81,7 @@ def test_tip_of_a_bent_shaft_may_pull_and_push() -> None:
     (cause,) = (each for each in found.diagnosis.causes if each.name != "bias")
     assert cause.name == "capstan"
     assert cause.parameters["wrap_rad"].value == pytest.approx(0.3, rel=0.03)
-    said = extended_model(found.analysis, "made").runtime().forces_n(*motion())
+    said = extended_model(found.analysis, "made").runtime().forces_n(Motion.of(*motion()))
     assert recording.force_n is not None
     assert np.std((said - recording.force_n)[200:-200]) < 4e-3
 
@@ -121,7 +122,7 @@ def test_strokes_of_one_speed_do_not_tell_distance_from_time() -> None:
     t = np.arange(1500) / 50.0
     x = np.interp(t, way_m / 4.8e-3, ends_m)
     rubs = model(effect("presliding_hysteresis", force_n=0.1, stiffness_n_m=100.0))
-    force = 30.0 * x + rubs.runtime().forces_n(t, x, np.gradient(x, t), np.zeros_like(t))
+    force = 30.0 * x + rubs.runtime().forces_n(Motion.of(t, x, np.gradient(x, t), np.zeros_like(t)))
     found = diagnose(noisy(t, x, force)).diagnosis
     assert found.verdict == "not_separable"
     assert found.next_motion is not None and found.next_motion.words == "the same stroke at three speeds"

@@ -4,6 +4,8 @@ from typing import Any
 
 import pytest
 
+from forefeel.common.causes.candidate import entry
+from forefeel.common.causes.friction import CoulombFriction
 from forefeel.common.causes.model import ContactModel
 
 DT = 1e-3
@@ -143,3 +145,10 @@ def test_a_wrong_mapping_is_refused_in_one_line_that_names_the_place(wrong: obje
     with pytest.raises(ValueError) as caught:
         ContactModel.from_mapping(wrong)
     assert str(caught.value) == message
+
+
+def test_entry_spells_out_a_shorthand_beside_a_parameter() -> None:
+    given = {"force_n": 1.2, "breakaway_m": 1e-4}
+    parameters = entry(CoulombFriction, given)["parameters"]
+    assert parameters == {"forward_n": 1.2, "backward_n": 1.2, "breakaway_m": 1e-4}
+    assert entry(CoulombFriction, {**given, "backward_n": 0.5})["parameters"]["backward_n"] == 0.5

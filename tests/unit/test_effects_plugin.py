@@ -186,7 +186,7 @@ def test_every_kind_of_effect_can_be_added_with_no_more_than_it_needs(
     steps = zip(x.tolist(), [0.0, 0.1, -0.2], strict=True)
     runtime = model.runtime()
     one_by_one = [runtime.step(at, at, at, at, dt) for at, dt in steps]
-    np.testing.assert_allclose(model.runtime().forces_n(x, x, x, x), one_by_one)
+    np.testing.assert_allclose(model.runtime().forces_n(Motion.of(x, x, x, x)), one_by_one)
 
 
 @pytest.mark.parametrize(
@@ -267,7 +267,7 @@ def test_a_cause_of_the_example_package_is_named_drawn_and_loaded_and_without_it
     assert [entry.effect for entry in model.effects] == ["mass_damper_spring", "cogging"]
     x, t = recording.position_m, recording.time_s
     v = np.gradient(x, t)
-    said = model.runtime().forces_n(t, x, v, np.gradient(v, t))
+    said = model.runtime().forces_n(Motion.of(t, x, v, np.gradient(v, t)))
     assert np.std((said - force)[100:-100]) < 2e-3
     assert picture(Curves.of(found.analysis, None), "cogging").title == "Over the position"
     prior = Causes(model).with_loaded(None)

@@ -9,11 +9,12 @@ import pytest
 
 import forefeel as ff
 from forefeel.common.recording.loading import recordings_in
+from forefeel.diagnosis.signals import Signals
 from tests.unit.diagnosis_samples import FRICTION_N, made, put
 
 NAMES = {
-    "Axis", "Cause", "Cell", "Diagnosis", "Evaluation", "ForefeelError", "Model", "Predictor", "Recording",
-    "UnclearError", "__version__", "connect", "diagnose", "diagnose_folder", "evaluate", "load",
+    "Axis", "Cause", "Cell", "Confirmation", "Diagnosis", "Evaluation", "ForefeelError", "Model", "Predictor",
+    "Recording", "UnclearError", "__version__", "connect", "diagnose", "diagnose_folder", "evaluate", "load",
 }  # fmt: skip
 NOTEBOOK = Path(__file__).parents[2] / "docs/examples/library.ipynb"
 
@@ -45,6 +46,33 @@ def test_extended_model_simulates_the_measured_force(found: ff.Diagnosis) -> Non
     force_n = found.model.simulate({"time_s": motion.time_s, "position_m": motion.position_m}).force_n
     assert force_n is not None
     assert np.median(np.abs(force_n - measured_n)) < 0.1 * FRICTION_N
+
+
+def test_simulation_leaves_of_its_own_recording_what_the_answer_says() -> None:
+    """A joint by its encoder, with jittered stamps that do not start at 0, whose torque is the reaction."""
+    rng = np.random.default_rng(5)
+    t = np.arange(1500) / 100.0 + np.clip(rng.normal(size=1500), -1.5, 1.5) * 1e-3
+    x, v, a = np.zeros((3, len(t)))
+    for hz, size in ((0.2, 0.8), (0.5, 0.3), (1.3, 0.05)):
+        w = 2.0 * np.pi * hz
+        x, v, a = x + size * np.sin(w * t), v + w * size * np.cos(w * t), a - w * w * size * np.sin(w * t)
+    torque = 0.3 * a + 2.0 * v + 1.2 * np.sign(v) + 0.5 + 0.1 * rng.normal(size=len(t))
+    joint = ff.Recording("joint", t + 100.0, np.round(x / 1e-4) * 1e-4, -torque, "joint")
+    d = ff.diagnose(joint, as_is=True)
+    assert "coulomb_friction" in [cause.name for cause in d.causes]
+    left_n = joint.force_n - d.model.simulate(joint).force_n  # type: ignore[operator]
+    in_band = Signals(joint, left_n, d.details.analysis.regression.signals.cutoff_hz, np.zeros(len(t), bool))
+    rms_n = np.sqrt(np.mean(in_band.force[in_band.rows] ** 2))
+    assert rms_n < 1.02 * d.details.analysis.residual_rms_n < 1.02 * d.details.diagnosis.held_out.rmse_after_n
+
+
+def test_model_of_one_recording_is_confirmed_on_another(found: ff.Diagnosis) -> None:
+    confirmation = found.confirm(made(6.0, friction_n=FRICTION_N, bias_n=0.3, name="other"))
+    assert confirmation.verdict == "confirmed"
+    assert confirmation.ratio < 1.6
+    assert str(confirmation).startswith("Confirmed ")
+    assert len(str(confirmation).splitlines()) <= 3
+    assert found.confirm(made(friction_n=4.0 * FRICTION_N)).verdict == "not_confirmed"
 
 
 def test_plot_shows_measured_simulated_and_extended_force(found: ff.Diagnosis) -> None:

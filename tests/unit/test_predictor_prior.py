@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from forefeel.common.causes.motion import Motion
 from forefeel.common.estimation.contact_prior import CONTACT, exactly, widened
 from tests.unit.contact_samples import DT_S, TRUE, session, world
 from tests.unit.predictor_samples import Array, Sample, replayed
@@ -25,7 +26,7 @@ def pushed(duration_s: float) -> Sample:
     free = 0.003 * (1.0 - np.cos(2.0 * np.pi * 0.5 * np.clip(t, 0.0, 4.0)))
     x: Array = free + 0.02 * u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
     v = np.gradient(x, t)
-    force_n = world().runtime().forces_n(t, x, v, np.gradient(v, t))
+    force_n = world().runtime().forces_n(Motion.of(t, x, v, np.gradient(v, t)))
     return Sample(t, x, force_n + 0.002 * np.random.default_rng(1).standard_normal(len(t)))
 
 

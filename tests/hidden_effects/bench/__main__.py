@@ -7,6 +7,7 @@ is passed over: every recording has one.
 
 import argparse
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
@@ -51,22 +52,30 @@ def _mapped(one: Callable[[int], T], seeds: Iterable[int], jobs: int) -> list[T]
 
 
 def _elsewhere(population: Population, seeds: Iterable[int], jobs: int) -> None:
-    """How often the interval of the gain on another motion holds it, its width, and where it fails."""
-    found = [each for each in _mapped(partial(elsewhere, population), seeds, jobs) if each is not None]
+    """How often the interval of the gain on another motion holds it, its width, and where it fails; and what
+    the other motion says of right names and of others.
+    """
+    named = [each for each in _mapped(partial(elsewhere, population), seeds, jobs) if each is not None]
+    found = [each for each in named if each.expected is not None]
     alike = [each for each in found if 1.0 / _ALIKE < each.faster < _ALIKE]
     for which, some in (("all", found), (f"speeds within a factor of {_ALIKE:g}", alike)):
-        width = np.median([each.expected.gain_high - each.expected.gain_low for each in some] or [0.0])
+        widths = [e.expected.gain_high - e.expected.gain_low for e in some if e.expected is not None]
         held = _share(sum(each.holds for each in some), len(some))
-        said = f"{which}: interval holds {held} of {len(some)}, median width {100 * width:.0f} points"
-        print(f"{population.value:<12s} {said}")
-    for each in found:
-        if not each.holds:
-            print(f"  {each.description}: {_numbers(each)}")
+        said = f"{which}: interval holds {held} of {len(some)}"
+        print(f"{population.value:<12s} {said}, median width {100 * np.median(widths or [0.0]):.0f} points")
+    for right in (True, False):
+        verdicts = Counter(each.confirmation.verdict for each in named if each.right == right)
+        print(f"{population.value:<12s} {'right' if right else 'other'} names: {dict(verdicts)}")
+    for each in named:
+        print(f"  {each.description}: {_numbers(each)}")
 
 
 def _numbers(each: Elsewhere) -> str:
-    low, high = each.expected.gain_low, each.expected.gain_high
-    return f"{each.gain:.2f}, expected {low:.2f} to {high:.2f}; speed x {each.faster:.1f}"
+    c, expected = each.confirmation, each.expected
+    gain = "" if c.gain is None else f"; gain {c.gain.gain:.2f}"
+    gain += "" if expected is None else f", expected {expected.gain_low:.2f} to {expected.gain_high:.2f}"
+    cautions = f" ({', '.join(c.cautions)})" if c.cautions else ""
+    return f"{c.verdict}{cautions}, ratio {c.ratio:.2f}{gain}; speed x {each.faster:.1f}"
 
 
 def families() -> str:

@@ -10,9 +10,8 @@ import numpy as np
 
 from forefeel.common.errors import InputError
 from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.confirmation import Confirmation, confirm
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.regression import ModelFit, RecordingRegression
-from forefeel.diagnosis.signals import Signals
 from forefeel.diagnosis.verdict import ExpectedGain
 from tests.hidden_effects.answers import Answer, Method
 from tests.hidden_effects.bench import Made, Population, canonical, draw, draw_two, family_of
@@ -86,43 +85,41 @@ def answered(made: Made, method: Method = diagnosed) -> Answer:
 
 @dataclass(frozen=True)
 class Elsewhere:
-    """The gain on another motion of the same bench, and what was expected of it.
+    """A model on another motion of the same bench: what was expected of its gain, and what came of it.
 
-    `faster`: standard deviation of the other motion's speed by that of the diagnosed one's.
+    `right`: every name but the bias is hidden there. `faster`: standard deviation of the other motion's speed
+    by that of the diagnosed one's.
     """
 
-    expected: ExpectedGain
-    gain: float
+    expected: ExpectedGain | None
+    confirmation: Confirmation
+    right: bool
     faster: float
     description: str
 
     @property
     def holds(self) -> bool:
-        return self.expected.gain_low <= self.gain <= self.expected.gain_high
+        expected, gain = self.expected, self.confirmation.gain
+        assert expected is not None
+        assert gain is not None
+        return expected.gain_low <= gain.gain <= expected.gain_high
 
 
 def elsewhere(population: Population, seed: int) -> Elsewhere | None:
-    """One recording diagnosed, the other predicted by both of its models; None without an expectation."""
+    """One recording diagnosed, and its model held against the other; None where no cause is named."""
     first, second = draw_two(population, seed)
     try:
         found = diagnose(_recording(first))
     except InputError:
         return None
-    expected, regression = found.diagnosis.other_motion, found.analysis.regression
-    if expected is None:
+    names = [cause.name for cause in found.diagnosis.causes if cause.name != "bias"]
+    if not names:
         return None
-    recording = _recording(second)
-    unusable = np.zeros(len(recording), dtype=np.bool_)
-    signals = Signals(recording, second.force_n, regression.signals.cutoff_hz, unusable)
-    other = regression.like(signals)
-    before, after = (_left_n(other, fit) for fit in (regression.fit({"bias": ()}), found.analysis.fit))
-    faster = float(np.std(signals.fine_v) / np.std(regression.signals.fine_v))
-    names = " + ".join(cause.name for cause in found.diagnosis.causes)
-    return Elsewhere(expected, 1.0 - after / before, faster, f"{population.value} {seed}: {names}")
-
-
-def _left_n(regression: RecordingRegression, fit: ModelFit) -> float:
-    return float(np.sqrt(np.mean(regression.residual(fit)[regression.signals.rows] ** 2)))
+    confirmation = confirm(found, _recording(second)).confirmation
+    right = {canonical(name) for name in names} <= first.names
+    faster = float(np.std(np.diff(second.position_m)) / np.std(np.diff(first.position_m)))
+    description = f"{population.value} {seed}: {' + '.join(names)}"
+    return Elsewhere(found.diagnosis.other_motion, confirmation, right, faster, description)
 
 
 def _recording(made: Made) -> Recording:

@@ -1,0 +1,44 @@
+"""Result of a model on another recording, in words."""
+
+from forefeel.common.events.console import printable
+from forefeel.common.events.text import quantity
+from forefeel.diagnosis.confirmation import Confirmation
+from forefeel.diagnosis.verdict import Diagnosis, ExpectedGain
+from forefeel.results.verdict_text import gain_text
+
+_CAUTIONS = {
+    "easier": "that recording asks so little of the model that a wrong one would do as well there",
+    "structure": "more than noise is left there: something else may be missing",
+}
+
+
+def confirmation_lines(confirmation: Confirmation, diagnosis: Diagnosis) -> list[tuple[str, str]]:
+    """Label and text of each line; no label: it goes on."""
+    c, name = confirmation, printable(confirmation.recording)
+    if not diagnosis.causes and diagnosis.verdict not in {"nothing_missing", "nothing_found"}:
+        return [("Not told", f"{name}: no cause was named that it could confirm")]
+    off = f"off by {quantity(c.left_n, 'N')} rms, {c.ratio:.2g} times what is to be expected"
+    label, text = {
+        "confirmed": ("Confirmed", f"on {name}: {off}"),
+        "not_confirmed": (
+            "Not confirmed", f"on {name}: {off}; a name is wrong or missing, or the bench has changed"
+        ),
+        "not_told": (
+            "Not told", f"on {name}: {off}, as the intervals of the parameters allow; record a richer motion"
+        ),
+    }[c.verdict]  # fmt: skip
+    lines = [(label, text)]
+    if c.gain is not None:
+        lines.append(
+            ("", f"error {gain_text(c.gain)} by the causes there{_beside(c, diagnosis.other_motion)}")
+        )
+    cautions = "; ".join(_CAUTIONS[caution] for caution in c.cautions)
+    return [*lines, ("Caution", f"{name}: {cautions}")] if cautions else lines
+
+
+def _beside(c: Confirmation, expected: ExpectedGain | None) -> str:
+    """The gain beside the interval of `Elsewhere`; empty where none was expected."""
+    if expected is None or c.gain is None:
+        return ""
+    inside = expected.gain_low <= c.gain.gain <= expected.gain_high
+    return ", as expected elsewhere" if inside else ", other than expected elsewhere"
