@@ -135,12 +135,13 @@ class Leftover:
         tables = {variable: make() for variable, make in self.variables.items()}
         return {variable: (table.shape[1], self.gain_of(table)) for variable, table in tables.items()}
 
-    def largest_share(self, gain_low: float = 0.0) -> float:
+    def largest_share(self, gain_low: float = 0.0, with_time: bool = False) -> float:
         """Share of the residual's variance that the best variable explains, of those whose gain has a lower
-        end above `gain_low`; 0 without one. Functions of time do not count: coloured noise is one.
+        end above `gain_low`; 0 without one. Without functions of time, if not asked for: coloured noise is
+        one.
         """
-        steady = (held for name, (_, held) in self._gains.items() if not name.endswith(_OF_TIME))
-        return max((_share(held) for held in steady if held.gain_low > gain_low), default=0.0)
+        gains = (held for name, (_, held) in self._gains.items() if with_time or not name.endswith(_OF_TIME))
+        return max((_share(held) for held in gains if held.gain_low > gain_low), default=0.0)
 
     def follows(self) -> tuple[Follows, ...]:
         """Up to three variables that clearly explain 15 % of the residual's variance, first the one to look

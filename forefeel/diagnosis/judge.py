@@ -111,17 +111,15 @@ class Judge:
 
     def diagnosis(self) -> Diagnosis:
         """Diagnosis: a verdict of `_inexplicable` if there is one. Where the fit has a cause (or a bias), or
-        the sensor a fault, `cause_found`, or `partly_explained` beside structure or more than three times the
-        noise; else `nothing_missing`, or `nothing_found` where the noise floor is unknown.
+        the sensor a fault, `cause_found`, or `partly_explained` beside structure; else `nothing_missing`, or
+        `nothing_found` where the noise floor is unknown.
         """
         names = {base_name(name) for name in self.fit.model} | {fault.name for fault in self.faults}
         less = self._inexplicable()
         if less is not None:
             return self._diagnosis(*less, suspected=names)
         if self.fit.model or self.faults:
-            noise_n = max(_TIMES_THE_NOISE * (self.floor_n or 0.0), _OF_FORCE * self.force_n)
-            much = self.floor_n is not None and self.residual_n > noise_n
-            if self._causes_of_model and (self._structure_left or much):
+            if self._causes_of_model and self._structure_left:
                 return self._diagnosis("partly_explained", following_motion(self._follows), suspected=names)
             return self._diagnosis("cause_found", suspected=names)
         if self.floor_n is None:
@@ -181,8 +179,9 @@ class Judge:
         """
         if not self._causes_of_model or self.held_out.gain_low < _CLEAR_GAIN or self._groups:
             return False
-        left = (1.0 - self.held_out.gain) ** 2
-        return left < _AS_MUCH * (1.0 - Leftover(self.regression, self.base).largest_share())
+        left, before = (1.0 - self.held_out.gain) ** 2, Leftover(self.regression, self.base)
+        timed = any(cause_class(name).clocked for name in self.fit.model)
+        return left < _AS_MUCH * (1.0 - before.largest_share(with_time=timed))
 
     @cached_property
     def slow(self) -> bool:
@@ -208,8 +207,9 @@ class Judge:
 
     @cached_property
     def _structure_left(self) -> bool:
-        """True if the causes leave over 20 % of the variance that mass, damper, spring and a bias leave, and
-        that may not be noise, or if much of it is structure. Always False with a quantised sensor.
+        """True if the causes leave over three times the noise and 2 % of the force; over 20 % of the variance
+        that mass, damper, spring and a bias leave, and that may not be noise; or if much of it is structure.
+        Always False with a quantised sensor.
         """
         if any(fault.name == SensorQuantisation.name for fault in self.faults):
             return False
@@ -217,7 +217,8 @@ class Judge:
         left = float(np.mean(self.after**2)) / float(np.mean(plain**2))
         if self._causes_of_model and left > _MUCH_LEFT and not self._may_be_noise():
             return True
-        return self._structured_share() * left > _STRUCTURE
+        noise_n = max(_TIMES_THE_NOISE * (self.floor_n or np.inf), _OF_FORCE * self.force_n)
+        return self.residual_n > noise_n or self._structured_share() * left > _STRUCTURE
 
     @property
     def _noise_is_known(self) -> bool:

@@ -208,7 +208,7 @@ def _columns(log_shape: Floats, f: Floats, period_s: float) -> Floats:
 _HELD, _SHORTEST, _STILL = 0.7, 0.1, 0.03  # of the samples: all holds, each; of the range, from its level
 _STROKE, _MORE_TURNS = 0.2, 2  # of the range; beside one to each hold: back, and what overshoots
 _TIMES, _BINS = 12, 40
-_LEAST_FADE, _EARLY, _AT_ONCE = 0.05, 0.1, 0.3  # of the rise; first part of the hold; of the fading in it
+_LEAST_FADE, _EARLY, _AT_ONCE = 0.05, 0.1, 0.2  # of the rise; first part of the hold; of the fading in it
 _FOLLOWS, _FAR_BELOW = 0.05, 5.0  # left of the held-out bins' variance; times more that a line leaves
 _SECOND = 0.9  # of what one branch leaves, that two leave at most
 _NAMES = ("stiffness_n_m", "time_constant_s"), ("second_stiffness_n_m", "second_time_constant_s")
@@ -259,7 +259,7 @@ class Hold:
         return [separable(self.branches, self.f, points) for points in starts]
 
     def relaxes(self) -> bool:
-        """True if the force of the hold fades by 5 % of its rise or more, 30 % of that in the first tenth of
+        """True if the force of the hold fades by 5 % of its rise or more, 20 % of that in the first tenth of
         the hold, and a Prony series, but no line, foretells held-out bins.
         """
         since_s, f, bins = self.since_s, self.f[self.run], self.bins

@@ -147,7 +147,7 @@ def test_weight_of_a_joint_is_named_where_the_position_is_an_angle() -> None:
         effect("gravity_load", sine_n=2.6 * np.cos(0.4), cosine_n=-2.6 * np.sin(0.4)),
         effect("coulomb_friction", force_n=0.3),
     )
-    force = joint.runtime().forces_n(t, x, v, a)
+    force = joint.runtime().forces_n(Motion.of(t, x, v, a))
     recording = replace(noisy(t, x, force), columns={"position": "rad:q", "force": "Nm:tau"})
     assert analyse(replace(recording, columns={}), names=["gravity_load"]).search.names == []
     found = diagnose(recording)
@@ -156,5 +156,5 @@ def test_weight_of_a_joint_is_named_where_the_position_is_an_angle() -> None:
     sine_n, cosine_n = (weight.parameters[name].value for name in ("sine_n", "cosine_n"))
     assert np.hypot(sine_n, cosine_n) == pytest.approx(2.6, rel=0.02)
     assert np.arctan2(-cosine_n, sine_n) == pytest.approx(0.4, abs=0.02)
-    said = extended_model(found.analysis, "joint").runtime().forces_n(t, x, v, a)
+    said = extended_model(found.analysis, "joint").runtime().forces_n(Motion.of(t, x, v, a))
     assert np.std((said - force)[100:-100]) < 0.02

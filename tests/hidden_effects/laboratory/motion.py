@@ -58,13 +58,16 @@ def multisine(rng: Rng, t: Array, low_hz: float, top_hz: float) -> Array:
 
 
 def chirped(rng: Rng, t: Array, low_hz: float, top_hz: float, flat: float) -> Array:
-    """Sweeps from `low_hz` to `top_hz`; the amplitude falls as frequency to the power -flat."""
+    """Sweeps from `low_hz` to `top_hz`, each from and to rest; the amplitude falls as frequency to the power
+    -flat.
+    """
     sweeps = int(rng.integers(1, 4))
     share = (t * sweeps / (t[-1] + t[1])) % 1.0
     hz = low_hz * (top_hz / low_hz) ** share if rng.random() < 0.5 else low_hz + (top_hz - low_hz) * share
     if rng.random() < 0.3:
         hz = hz[::-1]
-    return np.asarray(np.sin(2.0 * pi * np.cumsum(hz) * (t[1] - t[0])) * (low_hz / hz) ** flat)
+    swell = np.sin(0.5 * pi * np.clip(15.0 * np.minimum(share, 1.0 - share), 0.0, 1.0)) ** 2
+    return np.asarray(swell * np.sin(2.0 * pi * np.cumsum(hz) * (t[1] - t[0])) * (low_hz / hz) ** flat)
 
 
 def visited(t: Array, stops: list[tuple[float, float]], smooth: bool) -> Array:
