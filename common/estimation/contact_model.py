@@ -99,6 +99,9 @@ def typical_shape(motion: MotionExtent) -> tuple[Array, Array]:
     return accepted(mean), np.array([range_m, *_TYPICAL_SD])
 
 
+_STIFFNESS = "mass_damper_spring.stiffness_n_m"
+
+
 class Causes:
     """Causes of the contact model, their parameters and names.
 
@@ -133,7 +136,11 @@ class Causes:
         self._waves = np.array(waves).reshape(len(WAVES), 2)
         self.forces = [i for i in range(len(self.linear)) if i not in waves]
         self.names = (*(self.linear[i] for i in self.forces), *WAVES, *SHAPE, NOISE)
-        self.positive = tuple(i for i in self.forces if _parameter(self.linear[i]).lower >= 0.0)
+        away = self._loaded.means.get(_STIFFNESS, 0.0) < 0.0  # a weight that stands upright, a magnet
+        one_sign = (
+            _parameter(name).lower >= 0.0 or (name == _STIFFNESS and not away) for name in self.linear
+        )
+        self.positive = tuple(i for i, positive in enumerate(one_sign) if positive and i in self.forces)
         self.cold = np.array([_parameter(name).explains for name in self.linear])
         self.least = np.array([_least_rms(_parameter(name).unit) for name in self.linear])
         if loaded is not None:

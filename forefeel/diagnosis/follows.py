@@ -114,20 +114,30 @@ class Leftover:
         spectra = signals.spectrum(np.array(table()))
         return signals.column(spectra if factor is None else spectra * factor).T
 
-    def gain_of(self, extra: Floats, ridges: tuple[float, ...] = _RIDGES) -> HeldOut:
+    def gain_of(self, extra: Floats) -> HeldOut:
         """Held-out gain of the fit's columns with `extra` ones (coarse grid, not whitened) over the fit's
-        columns alone; that of the ridge on the extra ones, of `ridges`, that gains most.
+        columns alone; that of the ridge on the extra ones that gains most.
         """
-        regression = self.regression
-        white, plain = columns(regression, self.fit)
-        alone, pieces = held_out(regression, white, plain), regression.signals.piecewise(fine=False)
-        extra_white = regression.noise.whiten(extra, pieces)[regression.rows] / regression.noise.innovation_n
-        both = np.hstack([white, extra_white]), np.hstack([plain, extra[regression.rows]])
-        trials = []
-        for ridge in ridges:
-            weights = np.repeat([1e-10, ridge], [white.shape[1], extra.shape[1]])
-            trials.append(gain(regression, alone, held_out(regression, *both, ridge=weights)))
+        alone = held_out(self.regression, *columns(self.regression, self.fit))
+        trials = [
+            gain(self.regression, alone, self._errors_beside(self.fit, extra, ridge)) for ridge in _RIDGES
+        ]
         return max(trials, key=lambda trial: trial.gain)
+
+    def gain_beside(self, variable: str, plain: ModelFit) -> HeldOut:
+        """Held-out gain of the fit over a plainer one with the columns of a variable beside both."""
+        extra = self.variables[variable]()
+        before, after = (self._errors_beside(fit, extra, _RIDGES[-1]) for fit in (plain, self.fit))
+        return gain(self.regression, before, after)
+
+    def _errors_beside(self, fit: ModelFit, extra: Floats, ridge: float) -> Floats:
+        """Held-out errors of a fit's columns with `extra` ones beside them, `ridge` on these."""
+        regression, pieces = self.regression, self.regression.signals.piecewise(fine=False)
+        white, plain = columns(regression, fit)
+        extra_white = regression.noise.whiten(extra, pieces)[regression.rows] / regression.noise.innovation_n
+        weights = np.repeat([1e-10, ridge], [white.shape[1], extra.shape[1]])
+        both = np.hstack([white, extra_white]), np.hstack([plain, extra[regression.rows]])
+        return held_out(regression, *both, ridge=weights)
 
     @cached_property
     def _gains(self) -> dict[str, tuple[int, HeldOut]]:

@@ -13,11 +13,14 @@ from scipy.optimize import minimize, minimize_scalar
 
 from forefeel.common.causes.candidate import Candidate, Model, Periodic, PositionWave, Shape, base_name
 from forefeel.common.causes.catalogue import CANDIDATES, kin
+from forefeel.common.causes.friction import CoulombFriction, PreslidingHysteresis
 from forefeel.common.causes.motion import Motion
 from forefeel.common.causes.periodic import PositionMap, Pulsation
 from forefeel.common.causes.unmodelled_resonance import UnmodelledResonance
+from forefeel.common.causes.wall import Stiffening, StressRelaxation
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
+from forefeel.diagnosis.verdict import Family
 
 PULSATION_HZ = 0.12, 4.0
 _LEAST_CYCLES = 5.0  # of a pulsation: fewer are not told from a force that wanders
@@ -268,10 +271,17 @@ ADD = 12.0
 """How much the penalised -2 log likelihood must fall for a change of the model."""
 
 ASYMMETRIC = "coulomb_friction:asymmetric"
-MOST_CAUSES = 6
+MOST_CAUSES = 3
+"""Beside a bias: more names than that are what one cause without a name looks like."""
 MOST_EVALUATIONS = 15_000
 """Least squares after which the search takes no further step."""
-_STARTS = 3
+_STARTS, _MOST_STEPS = 3, 18
+_MISSED = 0.5  # of what the search leaves of the force's variance: plain regressions that leave less saw more
+_FAMILIES: dict[Family, frozenset[str]] = {
+    "friction": frozenset({CoulombFriction.name, PreslidingHysteresis.name}),
+    "relaxation": frozenset({StressRelaxation.name}),
+    "stiffening": frozenset({Stiffening.name}),
+}
 _ROUGH = 30
 _NEAR, _NEARER = 0.3, 0.1
 """An exchange is refined when it is so near on the grid, and all shapes with it when the new one's alone are;
@@ -315,7 +325,7 @@ class Search(Refiner):
         """
         passed = {} if passed is None else passed
         best = self._sound(self.refined(self.fit(start)))
-        for _ in range(3 * MOST_CAUSES):
+        for _ in range(_MOST_STEPS):
             names = frozenset(best.model)
             if self.evaluations > MOST_EVALUATIONS or passed.get(names, np.inf) < best.score + _SAME:
                 break
@@ -349,7 +359,8 @@ class Search(Refiner):
 
     def run_from_several(self, enough_n: float | None) -> ModelFit:
         """Best of several runs: from nothing, and from other first causes with one more added; from three of
-        these, or from one where less than `enough_n` in N is left.
+        these, or from one where less than `enough_n` in N is left. Where `look` explains clearly more, those
+        of its family come first.
 
         Steps one at a time can walk past a pair of causes whose mixture looks like a third.
         """
@@ -358,9 +369,18 @@ class Search(Refiner):
         if not best.model:
             return best
         starts = 1 if enough_n is not None and self.plain_rms(best) < enough_n else _STARTS
+        force_n, look = (
+            float(np.std(self.regression.signals.force[self.regression.rows])),
+            self.regression.look,
+        )
+        missed = 1.0 - look.explained < _MISSED * (self.plain_rms(best) / force_n) ** 2
+        family = _FAMILIES[look.family] if missed and look.family else frozenset[str]()
         empty = self.fit({})
         scanned = [self._scan(empty, name) for name in self._worth_trying(best)]
-        ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)
+        ranked = sorted(
+            (s for s in scanned if s is not None),
+            key=lambda s: (not family & set(map(base_name, s.model)), s.score),
+        )
         tried = {base_name(name) for name in best.model}
         alone = len(tried)
         for start in ranked:
@@ -413,13 +433,13 @@ class Search(Refiner):
         return CANDIDATES[name].grid(self.regression.extent)
 
     def _forward(self, fit: ModelFit) -> ModelFit | None:
-        """Best refined fit with one more cause; None if none is worth it or the model has six. Costly causes
-        (many shapes) only beside at most a bias, and if more than noise is left.
+        """Best refined fit with one more cause, beside three only a bias; None if none is worth it. Costly
+        causes (many shapes) only beside at most a bias, and if more than noise is left.
         """
-        if len(fit.model) >= MOST_CAUSES:
-            return None
-        best = self._best_of(fit, [name for name in self.names if not CANDIDATES[name].costly])
-        if self._leaves_more_than_noise(best or fit):
+        full = len(set(fit.model) - {"bias"}) >= MOST_CAUSES
+        open_names = [name for name in self.names if not full or name == "bias"]
+        best = self._best_of(fit, [name for name in open_names if not CANDIDATES[name].costly])
+        if not full and self._leaves_more_than_noise(best or fit):
             costly = self._best_of(fit, [name for name in self._worth_trying(fit) if CANDIDATES[name].costly])
             trials = (trial for trial in (best, costly) if trial)
             best = min(trials, key=lambda trial: trial.score, default=None)

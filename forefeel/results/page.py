@@ -22,7 +22,15 @@ from forefeel.report.wording import plain_value, shown
 from forefeel.results.confirmation_text import confirmation_lines
 from forefeel.results.curves import LEFT, MODEL, Curves, Rows, near, strokes
 from forefeel.results.pictures import HEIGHT_PX, picture, sensor_picture, spectrum, timeline
-from forefeel.results.verdict_text import answer_lines, failure, gain_text, headline, next_steps, on_readings
+from forefeel.results.verdict_text import (
+    answer_lines,
+    failure,
+    follows_texts,
+    gain_text,
+    headline,
+    next_steps,
+    on_readings,
+)
 
 NOT_DRAWN = "A picture that failed"
 _WORST_S = 5.0  # of the stretch that is drawn in full
@@ -64,6 +72,7 @@ def render_page(
         picture_of_it=_draw(partial(_worst, curves, diagnosis)),
         sections=[(n, causes.get(n), _draw(draws[n]) if n in draws else None) for n in shown_names],
         details=details,
+        follows=follows_texts(diagnosis),
         fingerprint=lambda name: cause_class(name).fingerprint,
         words=words,
         shown=shown,

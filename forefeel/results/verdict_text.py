@@ -116,7 +116,7 @@ def answer_lines(
         ("Simulation", [_simulation(diagnosis, given)]),
         *(("Cause", _cause(cause)) for cause in diagnosis.causes),
         ("Extended", [_extended(diagnosis, given)] if extended else []),
-        ("Follows", _follows(diagnosis)),
+        ("Follows", follows_texts(diagnosis)),
         ("Would show", _would_show(diagnosis)),
         ("Elsewhere", _elsewhere(diagnosis.other_motion)),
         ("Predicted", _predicted(diagnosis, across) if extended else []),
@@ -198,7 +198,7 @@ def _extended(diagnosis: Diagnosis, given: str | None) -> str:
     )
 
 
-def _follows(diagnosis: Diagnosis) -> list[str]:
+def follows_texts(diagnosis: Diagnosis) -> list[str]:
     """Lines on how much is left and the variables that it follows; empty where that is no structure."""
     if not diagnosis.follows:
         return []
