@@ -25,6 +25,7 @@ _AS_GOOD = 1.15  # times what the best variable leaves: a simpler one that leave
 _HALF = 0.5  # of what any other leaves, that time has to leave: it imitates whatever is slow
 _LEAST_CYCLES = 3.0  # of a rhythm
 _OF_TIME = "time", "rate varies"  # variables that noise with a memory follows, too
+_SINGLE = "direction", "position", "speed", "acceleration", "size of the force"
 _STEP_S, _SLOW_STEP_S = 0.7, 2.5  # s between the knots of a function of time, and of a rhythm's size
 _LOW_SPEEDS = 0.01, 0.03, 0.1, 0.3  # of the 90 % quantile of the speed, where friction bends
 
@@ -118,26 +119,16 @@ class Leftover:
         """Held-out gain of the fit's columns with `extra` ones (coarse grid, not whitened) over the fit's
         columns alone; that of the ridge on the extra ones that gains most.
         """
-        alone = held_out(self.regression, *columns(self.regression, self.fit))
-        trials = [
-            gain(self.regression, alone, self._errors_beside(self.fit, extra, ridge)) for ridge in _RIDGES
-        ]
-        return max(trials, key=lambda trial: trial.gain)
-
-    def gain_beside(self, variable: str, plain: ModelFit) -> HeldOut:
-        """Held-out gain of the fit over a plainer one with the columns of a variable beside both."""
-        extra = self.variables[variable]()
-        before, after = (self._errors_beside(fit, extra, _RIDGES[-1]) for fit in (plain, self.fit))
-        return gain(self.regression, before, after)
-
-    def _errors_beside(self, fit: ModelFit, extra: Floats, ridge: float) -> Floats:
-        """Held-out errors of a fit's columns with `extra` ones beside them, `ridge` on these."""
-        regression, pieces = self.regression, self.regression.signals.piecewise(fine=False)
-        white, plain = columns(regression, fit)
+        regression = self.regression
+        white, plain = columns(regression, self.fit)
+        alone, pieces = held_out(regression, white, plain), regression.signals.piecewise(fine=False)
         extra_white = regression.noise.whiten(extra, pieces)[regression.rows] / regression.noise.innovation_n
-        weights = np.repeat([1e-10, ridge], [white.shape[1], extra.shape[1]])
         both = np.hstack([white, extra_white]), np.hstack([plain, extra[regression.rows]])
-        return held_out(regression, *both, ridge=weights)
+        trials = []
+        for ridge in _RIDGES:
+            weights = np.repeat([1e-10, ridge], [white.shape[1], extra.shape[1]])
+            trials.append(gain(regression, alone, held_out(regression, *both, ridge=weights)))
+        return max(trials, key=lambda trial: trial.gain)
 
     @cached_property
     def _gains(self) -> dict[str, tuple[int, HeldOut]]:
@@ -145,13 +136,19 @@ class Leftover:
         tables = {variable: make() for variable, make in self.variables.items()}
         return {variable: (table.shape[1], self.gain_of(table)) for variable, table in tables.items()}
 
-    def largest_share(self, gain_low: float = 0.0, with_time: bool = False) -> float:
+    def largest_share(self, gain_low: float = 0.0) -> float:
         """Share of the residual's variance that the best variable explains, of those whose gain has a lower
-        end above `gain_low`; 0 without one. Without functions of time, if not asked for: coloured noise is
-        one.
+        end above `gain_low`; 0 without one. Functions of time do not count: coloured noise is one.
         """
-        gains = (held for name, (_, held) in self._gains.items() if with_time or not name.endswith(_OF_TIME))
+        gains = (held for name, (_, held) in self._gains.items() if not name.endswith(_OF_TIME))
         return max((_share(held) for held in gains if held.gain_low > gain_low), default=0.0)
+
+    def share_of_one(self, with_time: bool) -> float:
+        """Share of the residual's variance that the best function of a single variable explains at best;
+        without pairs and memories, which explain anything where strokes repeat.
+        """
+        single = (*_SINGLE, "time") if with_time else _SINGLE
+        return max(_share(self._gains[name][1]) for name in single)
 
     def follows(self) -> tuple[Follows, ...]:
         """Up to three variables that clearly explain 15 % of the residual's variance, first the one to look

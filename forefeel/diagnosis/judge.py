@@ -62,7 +62,6 @@ _KNOWN_SLOPE = 1.0  # of noise: a steeper one is bounded from above only
 _STROKES = 4  # reversals on each side of a change,
 _NEARLY_ALL = 0.9  # or the lower end of its held-out gain
 _CLEAR_GAIN = 0.1  # lower end of the held-out gain that a cause needs beside structure that has no name
-_MOST_OF_IT = 0.5  # share of the residual that a variable explains, beside which causes still have to gain
 _AS_MUCH = 1.15  # times what the best function of one variable leaves, that causes may leave beside structure
 _TIMES_THE_NOISE = 3.0  # more is left than a simulation that is complete leaves
 _REMEMBERED = 0.2  # share that the past foretells of what is no noise; first-order noise of 5 Hz leaves 0.08
@@ -174,20 +173,15 @@ class Judge:
         return self._rival_groups()
 
     def _stand(self) -> bool:
-        """True if the causes stand beside structure that has no name: they gain clearly, also beside a
-        variable that most of what is left follows, have no rivals, and leave hardly more than the best
-        function of any one variable would in their place: what such a function explains far better is
-        something else.
+        """True if the causes stand beside structure that has no name: they gain clearly, have no rivals, and
+        leave hardly more than the best function of a single variable would in their place: what that explains
+        far better is something else.
         """
         if not self._causes_of_model or self.held_out.gain_low < _CLEAR_GAIN or self._groups:
             return False
-        if self._follows and self._follows[0].share > _MOST_OF_IT:
-            beside = self._left_over.gain_beside(self._follows[0].variable, self.base)
-            if beside.gain_low < _CLEAR_GAIN:
-                return False
         left, before = (1.0 - self.held_out.gain) ** 2, Leftover(self.regression, self.base)
         timed = any(cause_class(name).clocked for name in self.fit.model)
-        return left < _AS_MUCH * (1.0 - before.largest_share(with_time=timed))
+        return left < _AS_MUCH * (1.0 - before.share_of_one(timed))
 
     @cached_property
     def slow(self) -> bool:
