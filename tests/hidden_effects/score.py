@@ -79,8 +79,8 @@ def scored(case: Case, method: Callable[[Hidden], Answer]) -> Outcome:
     hidden = case.drawn()
     answer = method(hidden)
     truth, flags = hidden.truth, flags_of(hidden)
-    due = "cause_found" if truth.names else "nothing_missing"
-    exact = same_names(truth, answer.names) and answer.verdict == due
+    due = answer.names_causes if truth.names else answer.verdict == "nothing_missing"
+    exact = due and same_names(truth, answer.names)
     return Outcome(
         case=case,
         truth=truth.names,

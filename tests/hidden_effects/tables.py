@@ -55,7 +55,7 @@ def confusion(outcomes: Iterable[Outcome]) -> str:
             outcome.truth[0] if outcome.case.group in ("single", "quarter") else f"[{outcome.case.group}]"
         )
         rows.setdefault(hidden, Counter())[_said(outcome, hidden)] += 1
-    lines = ["confusion: hidden -> answered (times); '=' is the demanded answer"]
+    lines = ["confusion: hidden -> answered (times); '=' is the demanded one, 'as partly': beside more"]
     for hidden, counts in rows.items():
         said = ", ".join(f"{answer} {count}" for answer, count in counts.most_common())
         lines.append(f"  {hidden:<28s} {said}")
@@ -63,10 +63,9 @@ def confusion(outcomes: Iterable[Outcome]) -> str:
 
 
 def _said(outcome: Outcome, hidden: str) -> str:
-    if outcome.exact if hidden[0] != "[" else outcome.right:
-        return "="
-    names = "+".join(sorted(outcome.answer.names))
-    return names or outcome.answer.verdict
+    right = outcome.exact if hidden[0] != "[" else outcome.right
+    names = "=" if right else "+".join(sorted(outcome.answer.names)) or outcome.answer.verdict
+    return f"{names} as partly" if outcome.answer.partly else names
 
 
 def rates(outcomes: Sequence[Outcome], intervals: bool = True) -> str:
@@ -105,6 +104,7 @@ def _name_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
         _rate("quarter, right name first, all", quarter, lambda o: o.first),
         _rate("pair, right name first", pair, lambda o: o.first),
         _rate("pair, exact set", pair, lambda o: o.exact, 0.85),
+        _rate("of the three, named as partly", [*single, *quarter, *pair], lambda o: o.answer.partly),
     ]
 
 
@@ -121,6 +121,7 @@ def _verdict_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
         _rate("nothing hidden, `nothing_found`", none, lambda o: o.answer.verdict == "nothing_found"),
         _rate("outside of the vocabulary, `unexplained` or its name since", outside, lambda o: o.right, 0.95),
         _rate("outside of the vocabulary, a name given", outside, lambda o: bool(o.answer.names)),
+        _rate("outside of the vocabulary, a name given as partly", outside, lambda o: o.answer.partly),
         _rate(
             "pure sine, a wrong single name", _group(outcomes, "pure_sine"), lambda o: not o.right, most=0.0
         ),

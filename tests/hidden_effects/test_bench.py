@@ -147,9 +147,11 @@ def test_what_can_not_be_seen_is_not_shown() -> None:
 def test_outcomes() -> None:
     truth = frozenset({"play"})
     outcome = Outcome(Population.PLAY, 0, truth, truth, True, "", Answer("cause_found", ("backlash",)))
-    assert outcome.exact and outcome.right_first and not outcome.wrong_first
-    wrong = replace(outcome, answer=Answer("cause_found", ("sensor_lag", "backlash")))
-    assert wrong.wrong_first and not wrong.exact and not wrong.abstained
+    partly = replace(outcome, answer=Answer("partly_explained", ("backlash",)))
+    for right in (outcome, partly):
+        assert right.exact and right.right_first and not right.wrong_first
+    wrong = replace(outcome, answer=Answer("partly_explained", ("sensor_lag", "backlash")))
+    assert wrong.wrong_first and wrong.answer.partly and not wrong.exact and not wrong.abstained
     assert replace(outcome, answer=Answer("nothing_missing")).missed
     unnamed = replace(outcome, names=frozenset[str](), answer=Answer("unexplained"))
     assert unnamed.exact and unnamed.abstained

@@ -1,17 +1,18 @@
 """The harness itself: what counts as right, what is counted, what is missed."""
 
 from functools import partial
+from typing import Any
 
 import pytest
 
-from tests.hidden_effects.answers import Answer, Interval
+from tests.hidden_effects.answers import NAMING, Answer, Interval
 from tests.hidden_effects.cases import Case
 from tests.hidden_effects.equivalences import comparable, right_first, same_names
 from tests.hidden_effects.generator import Hidden, Truth, draw
 from tests.hidden_effects.score import Outcome, scored
 from tests.hidden_effects.tables import all_rates, unmet
 
-_SHORT = {"longest_s": 14.0, "fastest_hz": 300.0}
+_SHORT: dict[str, Any] = {"longest_s": 14.0, "fastest_hz": 300.0}
 
 
 def _friction(label: str) -> Truth:
@@ -71,11 +72,14 @@ _SILENT = [
     Case("constant_speed", "constant_speed", 1, **_SHORT),
     Case("standstill", "standstill", 1, **_SHORT),
 ]
+_NAMED = (*NAMING, "cause_found")
 _DEMANDED = ("nothing_missing", "unexplained", "not_separable", "not_separable", "refused")
 
 
 def _all(factor: float = 1.0, verdicts: tuple[str, ...] = _DEMANDED) -> list[Outcome]:
-    named = [scored(case, partial(_told, factor, "cause_found")) for case in _CASES]
+    named = [
+        scored(case, partial(_told, factor, verdict)) for case, verdict in zip(_CASES, _NAMED, strict=True)
+    ]
     pairs = zip(_SILENT, verdicts, strict=True)
     return named + [scored(case, partial(_said, verdict)) for case, verdict in pairs]
 
@@ -95,9 +99,10 @@ def test_wrong_verdicts_are_counted() -> None:
     assert "pure sine" not in missed
 
 
-def test_a_wrong_name_is_wrong_everywhere() -> None:
+@pytest.mark.parametrize("verdict", NAMING)
+def test_a_wrong_name_is_wrong_everywhere(verdict: str) -> None:
     for case in (*_CASES, *_SILENT):
-        outcome = scored(case, lambda _: Answer("cause_found", ("backlash",)))
+        outcome = scored(case, lambda _: Answer(verdict, ("backlash",)))
         assert not (outcome.first or outcome.exact or outcome.right) or outcome.truth == ("backlash",), case
 
 

@@ -84,12 +84,12 @@ def families() -> str:
     return "\n".join([said, *lines])
 
 
-COLUMNS = ("recordings", "cause_found", "wrong first", "abstained", "right family first", "exact",
-           "nothing_missing, hidden", "exceptions", "median s")  # fmt: skip
+COLUMNS = ("recordings", "named", "as partly", "wrong first", "as partly", "abstained",
+           "right family first", "exact", "nothing_missing, hidden", "exceptions", "median s")  # fmt: skip
 
 
 def head() -> str:
-    """Of the table; `wrong first` is of the cause_found, the other shares are of the recordings."""
+    """Of the table; `as partly`: with the verdict `partly_explained`; `wrong first` is of the named."""
     return "  ".join([f"{'population':<12s}", *COLUMNS])
 
 
@@ -101,7 +101,9 @@ def row(title: str, population: Population, outcomes: Sequence[Outcome]) -> str:
     cells = (
         str(count),
         str(found),
+        str(sum(o.answer.partly for o in outcomes)),
         _share(sum(o.wrong_first for o in outcomes), found) if judged else "-",
+        str(sum(o.wrong_first and o.answer.partly for o in outcomes)) if judged else "-",
         str(sum(o.abstained for o in outcomes)),
         _share(sum(o.right_first for o in outcomes), count) if names else "-",
         _share(sum(o.exact for o in outcomes), count) if judged else "-",

@@ -4,8 +4,8 @@ The truth is what is physically there. Families say which names mean the same pl
 fixed before any diagnosis was run. A bias belongs to every recording and to no truth.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from math import exp, pi, sqrt
 
 import numpy as np
@@ -30,6 +30,13 @@ FAMILIES: dict[str, tuple[str, ...]] = {
 _FAMILY = {name: family for family, names in FAMILIES.items() for name in names}
 
 
+_MEANING = {
+    "gap_m": "width_m", "capstan": "wrap_rad", "capstan_per_m": "wrap_rad_m", "lag_s": "time_constant_s",
+    "hunt_n_s_m2": "damping_n_s_m2", "growth_n_m": "force_per_length_n_m",
+    **{name: name for name in ("drag_n_s2_m2", "delay_s", "rate_n_s", "limit_n", "step_n")},
+}  # fmt: skip
+
+
 def family_of(name: str) -> str:
     """A name that nobody knows is a family of its own."""
     return _FAMILY.get(name, name)
@@ -42,12 +49,15 @@ def canonical(name: str) -> str:
 
 @dataclass(frozen=True)
 class Effect:
-    """`name` is empty where no name of the vocabulary stands for it; `also`: families that come with it."""
+    """`name` is empty where no name of the vocabulary stands for it; `also`: families that come with it;
+    `parameters`: by the vocabulary's names, those of which it has the meaning.
+    """
 
     name: str
     words: str
     change: Callable[[Bench], Bench]
     also: frozenset[str] = frozenset()
+    parameters: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def families(self) -> frozenset[str]:
@@ -70,7 +80,9 @@ def _told(
     """The same with words of its own; either way its numbers stand behind them."""
     numbers = ", ".join(f"{key}={value:.3g}" for key, value in fields.items() if isinstance(value, float))
     said = f"{words}({numbers})" if numbers else words
-    return [Effect(name, said, lambda bench: place(bench, **fields), frozenset(also))]
+    meant = ((_MEANING[key], value) for key, value in fields.items() if key in _MEANING)
+    values = {key: value for key, value in meant if isinstance(value, float)}
+    return [Effect(name, said, lambda bench: place(bench, **fields), frozenset(also), values)]
 
 
 def _share(rng: Rng, bench: Bench, low: float, high: float) -> float:

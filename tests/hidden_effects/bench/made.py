@@ -6,7 +6,7 @@ noise's rms, or everything but the kind of effect is drawn anew (of several effe
 what the diagnosis makes of a recording are exempt: nothing is ever selected by what it finds.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import NamedTuple
@@ -55,6 +55,7 @@ class Made:
     families: frozenset[str]
     description: str
     hides: bool
+    parameters: dict[str, Mapping[str, float]]
 
 
 class _Plan(NamedTuple):
@@ -151,6 +152,7 @@ def _recorded(bench: Bench, take: Take, found: Sequence[Effect], share: float, f
         families=frozenset[str]().union(*(effect.families for effect in found)),
         description=f"{said} [{share:.1f} x noise] in {take.words}",
         hides=bool(found),
+        parameters={effect.name: effect.parameters for effect in found if effect.name},
     )
 
 

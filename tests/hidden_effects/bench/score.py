@@ -4,7 +4,8 @@ This is the only module that imports the product. It stands apart from `__main__
 pool do not import.
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,10 +33,11 @@ class Outcome:
     hides: bool
     description: str
     answer: Answer
+    parameters: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     @property
     def found(self) -> bool:
-        return self.answer.verdict == "cause_found"
+        return self.answer.names_causes
 
     @property
     def right_first(self) -> bool:
@@ -66,9 +68,8 @@ class Outcome:
 
 def scored(population: Population, seed: int, method: Method = diagnosed) -> Outcome:
     made = draw(population, seed)
-    return Outcome(
-        population, seed, made.names, made.families, made.hides, made.description, answered(made, method)
-    )
+    answer, truth = answered(made, method), (made.names, made.families, made.hides, made.description)
+    return Outcome(population, seed, *truth, answer, made.parameters)
 
 
 def answered(made: Made, method: Method = diagnosed) -> Answer:
@@ -78,7 +79,7 @@ def answered(made: Made, method: Method = diagnosed) -> Answer:
     except Exception as error:  # noqa: BLE001 - whatever goes wrong is counted
         return Answer("exception", error=f"{type(error).__name__}: {error}")
     names = tuple(name for name in answer.names if name != "bias")
-    if answer.verdict == "cause_found" and not names:
+    if answer.names_causes and not names:
         return replace(answer, verdict="nothing_missing", names=())
     return replace(answer, names=names)
 
