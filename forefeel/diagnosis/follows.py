@@ -1,4 +1,4 @@
-"""What the residual follows: held-out regressions without physics, on bumps over one variable at a time.
+"""Variables that the residual follows, by held-out regressions without physics, on bumps over one variable at a time.
 
 Each variable gets the same: triangles over its range beside the model's own columns, ridge regression, scored
 on held-out blocks. Where one gains clearly, something is there that no named cause explains, and its variable
@@ -34,7 +34,7 @@ Columns = Callable[[], Floats]
 
 @dataclass(frozen=True, eq=False)
 class Leftover:
-    """What a fit leaves, against every variable."""
+    """Residual of a fit, regressed on every variable."""
 
     regression: RecordingRegression
     fit: ModelFit
@@ -155,19 +155,19 @@ class Leftover:
         at: the simplest of those that leave about the least. Empty without any.
         """
         place = self._place_m()
-        found = [
+        clear = [
             (count, Follows(name, _share(held), *place))
             for name, (count, held) in self._gains.items()
             if _share(held) > _LEAST_SHARE and held.gain_low > 0.0
         ]
-        others = max((f.share for _, f in found if f.variable != "time"), default=0.0)
+        others = max((f.share for _, f in clear if f.variable != "time"), default=0.0)
         slow = 1.0 - _HALF * (1.0 - others)
-        found = [(count, f) for count, f in found if f.variable != "time" or f.share > slow]
-        if not found:
+        clear = [(count, f) for count, f in clear if f.variable != "time" or f.share > slow]
+        if not clear:
             return ()
-        left = 1.0 - max(f.share for _, f in found)
-        first = min((pair for pair in found if 1.0 - pair[1].share <= _AS_GOOD * left), key=lambda p: p[0])[1]
-        rest = sorted((f for _, f in found if f is not first), key=lambda f: -f.share)
+        left = 1.0 - max(f.share for _, f in clear)
+        first = min((pair for pair in clear if 1.0 - pair[1].share <= _AS_GOOD * left), key=lambda p: p[0])[1]
+        rest = sorted((f for _, f in clear if f is not first), key=lambda f: -f.share)
         return (first, *rest[: _MOST_TOLD - 1])
 
     def _place_m(self) -> tuple[float, float]:

@@ -235,7 +235,7 @@ class Judge:
 
     @cached_property
     def _follows(self) -> tuple[Follows, ...]:
-        """What the residual follows where it is structure; else empty."""
+        """Variables that the residual follows where it is structure; else none."""
         return self._left_over.follows() if self._structure_left else ()
 
     @cached_property

@@ -90,12 +90,12 @@ def answer(
     recording: Recording, diagnosis: Diagnosis, across: "Across | str | None", given: str | None = None
 ) -> list[str]:
     """Lines for the terminal: recording, verdict, those of `answer_lines`, disclaimer."""
-    told = _CAUSES_BELOW.get(diagnosis.verdict)
+    below = _CAUSES_BELOW.get(diagnosis.verdict)
     with units_of(recording.columns):
         return [
             f"{printable(recording.name)}: {len(recording)} samples, {recording.duration_s:.1f} s, "
             f"{recording.rate_hz:.4g} Hz",
-            f"Verdict     {diagnosis.verdict}. {told or headline(diagnosis)}",
+            f"Verdict     {diagnosis.verdict}. {below or headline(diagnosis)}",
             *(f"{label:<12}{text}" for label, text in answer_lines(diagnosis, across, given)),
             DISCLAIMER,
         ]
