@@ -1,4 +1,4 @@
-"""Variables that the residual follows, by held-out regressions without physics, on bumps over one variable at a time.
+"""Variables that the residual follows, by held-out regressions without physics.
 
 Each variable gets the same: triangles over its range beside the model's own columns, ridge regression, scored
 on held-out blocks. Where one gains clearly, something is there that no named cause explains, and its variable
