@@ -119,16 +119,29 @@ class Leftover:
         """Held-out gain of the fit's columns with `extra` ones (coarse grid, not whitened) over the fit's
         columns alone; that of the ridge on the extra ones that gains most.
         """
-        regression = self.regression
-        white, plain = columns(regression, self.fit)
-        alone, pieces = held_out(regression, white, plain), regression.signals.piecewise(fine=False)
+        alone = held_out(self.regression, *columns(self.regression, self.fit))
+        both = (self._errors_beside(self.fit, extra, ridge) for ridge in _RIDGES)
+        return max((gain(self.regression, alone, errors) for errors in both), key=lambda trial: trial.gain)
+
+    def gain_beside(self, plain: ModelFit) -> float:
+        """Lower end of the held-out gain of the fit over a plainer one with the columns of a single variable
+        beside both, the one that explains most of the residual, half of it or more; infinite without one.
+        """
+        most = max(_SINGLE, key=lambda name: self._gains[name][1].gain)
+        if _share(self._gains[most][1]) < _HALF:
+            return np.inf
+        extra = self.variables[most]()
+        before, after = (self._errors_beside(fit, extra, _RIDGES[-1]) for fit in (plain, self.fit))
+        return gain(self.regression, before, after).gain_low
+
+    def _errors_beside(self, fit: ModelFit, extra: Floats, ridge: float) -> Floats:
+        """Held-out errors of a fit's columns with `extra` ones beside them, `ridge` on these."""
+        regression, pieces = self.regression, self.regression.signals.piecewise(fine=False)
+        white, plain = columns(regression, fit)
         extra_white = regression.noise.whiten(extra, pieces)[regression.rows] / regression.noise.innovation_n
+        weights = np.repeat([1e-10, ridge], [white.shape[1], extra.shape[1]])
         both = np.hstack([white, extra_white]), np.hstack([plain, extra[regression.rows]])
-        trials = []
-        for ridge in _RIDGES:
-            weights = np.repeat([1e-10, ridge], [white.shape[1], extra.shape[1]])
-            trials.append(gain(regression, alone, held_out(regression, *both, ridge=weights)))
-        return max(trials, key=lambda trial: trial.gain)
+        return held_out(regression, *both, ridge=weights)
 
     @cached_property
     def _gains(self) -> dict[str, tuple[int, HeldOut]]:

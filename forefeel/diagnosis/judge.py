@@ -316,11 +316,18 @@ class Judge:
         return min(weak, key=lambda name: self.without[name][0].score, default=None)
 
     def unclear(self) -> str | None:
-        """Cause that gains least next to structure without a name, unless it gains clearly or is the last."""
+        """Cause that gains least next to structure without a name, alone or beside the single variable that
+        most of what is left follows; None where it gains clearly or is the last one.
+        """
         if len(self._causes_of_model) < 2 or not self._structure_left:
             return None
-        least = min(self._causes_of_model, key=lambda name: self.without[name][1].gain_low)
-        return least if self.without[least][1].gain_low < _CLEAR_GAIN else None
+        gains = {
+            name: min(held.gain_low, self._left_over.gain_beside(fit))
+            for name, (fit, held) in self.without.items()
+            if name != "bias"
+        }
+        least = min(gains, key=lambda name: gains[name])
+        return least if gains[least] < _CLEAR_GAIN else None
 
     def _is_impossible(self, name: str) -> bool:
         """True if a parameter is out of its cause's bounds; or if the cause needs a spring (it relaxes or
