@@ -40,6 +40,12 @@ class Estimate:
         return self.low <= self.true <= self.high
 
     @property
+    def far(self) -> bool:
+        """Not given; or out of its interval and off by more than 5 standard deviations of the bound + 1 %."""
+        near = abs(self.value - self.true) <= (5.0 * self.bound + 0.01) * abs(self.true)
+        return not (near or self.covered)
+
+    @property
     def good(self) -> bool:
         """What the recording allows to ask for."""
         return self.close if self.bound < BOUND_JUDGED else self.covered

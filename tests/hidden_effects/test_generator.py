@@ -1,6 +1,7 @@
 """What is drawn: shares, noise, motions, the same again, and nothing of the product."""
 
 from math import exp, pi
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from tests.hidden_effects.generator.motion import MOTIONS, RICH, drawn_motion
 from tests.hidden_effects.generator.noise import whitened
 from tests.hidden_effects.generator.rivals import inseparable
 
-_SHORT = {"longest_s": 14.0, "fastest_hz": 300.0}
+_SHORT: dict[str, Any] = {"longest_s": 14.0, "fastest_hz": 300.0}
 
 
 @pytest.mark.parametrize("name", VOCABULARY)

@@ -57,20 +57,28 @@ _LARGEST_RATIO_S, _LARGEST_RATIO_S2 = 0.5, 0.02
 
 
 def draw(
-    kind: str, seed: int, size: float = 1.0, longest_s: float = 60.0, fastest_hz: float = 2000.0
+    kind: str,
+    seed: int,
+    size: float = 1.0,
+    longest_s: float = 60.0,
+    fastest_hz: float = 2000.0,
+    slowest_hz: float = 50.0,
+    motion: str = "",
 ) -> Hidden:
     """A recording of that kind; `size` scales the shares (0.25: a quarter).
 
-    `longest_s` and `fastest_hz` bound the record, for tests that have no time for long ones.
+    `longest_s`, `fastest_hz` and `slowest_hz` bound the record, for tests that have no time for long ones;
+    `motion`: one of RICH in place of any of them.
 
     Raises:
         KeyError: no such kind.
     """
     rng = np.random.default_rng((crc32(kind.encode()), seed))
     forms = _drawn_forms(rng, kind)
-    motion_kind = kind if kind in SPECIAL else str(rng.choice(RICH, p=WEIGHTS))
+    motion_kind = kind if kind in SPECIAL else motion or str(rng.choice(RICH, p=WEIGHTS))
     inserted = next((form.inserted for form in forms if form.inserted is not None), bool(rng.random() < 0.5))
-    duration_s, rate_hz = float(rng.uniform(10.0, longest_s)), min(fastest_hz, _drawn_rate(rng, forms))
+    duration_s = float(rng.uniform(10.0, longest_s))
+    rate_hz = min(fastest_hz, max(slowest_hz, _drawn_rate(rng, forms)))
     stage = drawn_motion(rng, motion_kind, duration_s, inserted)
     base = _drawn_base(rng, stage, any(form.light for form in forms))
     scene = Scene(stage, base, base.force(stage.x, stage.v, stage.a), duration_s, rate_hz)

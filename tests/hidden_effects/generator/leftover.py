@@ -40,6 +40,13 @@ def leftovers_n(hidden: Hidden) -> tuple[float, ...]:
     return tuple(left)
 
 
+def gain(hidden: Hidden) -> float:
+    """1 - rms of the noise / rms of what mass, damper, spring and offset leave of the reading."""
+    noise_n = noise_floor_n(hidden)
+    left = refitted(columns(hidden), silent(hidden))
+    return 1.0 - noise_n / float(np.hypot(noise_n, np.sqrt(np.mean(left * left))))
+
+
 def noise_floor_n(hidden: Hidden) -> float:
     noise = hidden.truth.noise
     return float(np.hypot(noise.rms_n, noise.white_n))
