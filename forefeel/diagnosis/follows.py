@@ -12,6 +12,7 @@ from functools import cached_property, partial
 import numpy as np
 
 from forefeel.common.causes.motion import Lag, MotionGrid
+from forefeel.common.causes.periodic import Pulsation
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression, alignment
 from forefeel.diagnosis.uncertainty import columns, gain, held_out
@@ -25,6 +26,7 @@ _AS_GOOD = 1.15  # times what the best variable leaves: a simpler one that leave
 _HALF = 0.5  # of what any other leaves, that time has to leave: it imitates whatever is slow
 _LEAST_CYCLES = 3.0  # of a rhythm
 _OF_TIME = "time", "rate varies"  # variables that noise with a memory follows, too
+_WITH_DEPTH = "that grows with depth"
 _SINGLE = "direction", "position", "speed", "acceleration", "size of the force"
 _STEP_S, _SLOW_STEP_S = 0.7, 2.5  # s between the knots of a function of time, and of a rhythm's size
 _LOW_SPEEDS = 0.01, 0.03, 0.1, 0.3  # of the 90 % quantile of the speed, where friction bends
@@ -72,7 +74,7 @@ class Leftover:
         return {**made, "size of the force": lambda: np.column_stack(_bumps(force, _knots(force, 12)))}
 
     def _of_time(self) -> dict[str, Columns]:
-        """Columns of time, and of the strongest line of the residual, which may last, act while the motion
+        """Columns of time, and of one rhythm (`_line_hz`), which may last, act while the motion
         does, grow with depth, or vary in rate.
         """
         regression, t = self.regression, self.regression.signals.t
@@ -91,7 +93,7 @@ class Leftover:
             "time": lambda: np.column_stack(_bumps(t, np.linspace(t[0], t[-1], self._time_knots()))),
             rhythm: lambda: waves(3),
             f"{rhythm} while it moves": lambda: moves[:, None] * waves(2),
-            f"{rhythm} that grows with depth": lambda: np.hstack([waves(2), depth[:, None] * waves(2)]),
+            f"{rhythm} {_WITH_DEPTH}": lambda: np.hstack([waves(2), depth[:, None] * waves(2)]),
             f"{rhythm}, rate varies": lambda: np.hstack([slowly * wave[:, None] for wave in waves(2).T]),
         }
 
@@ -99,7 +101,11 @@ class Leftover:
         return int(np.clip(self.regression.extent.duration_s / _STEP_S, 8, 60))
 
     def _line_hz(self) -> float:
-        """Frequency in Hz of the strongest line of the residual that has three cycles or more."""
+        """Frequency in Hz of the fitted pulsation, which may pulse with more than time; else of the strongest
+        line of the residual that has three cycles or more.
+        """
+        if Pulsation.name in self.fit.model:
+            return self.fit.model[Pulsation.name][0]
         signals = self.regression.signals
         left = np.where(signals.rows, self.regression.residual(self.fit), 0.0)
         left -= np.mean(left[signals.rows]) * signals.rows
@@ -162,6 +168,11 @@ class Leftover:
         """
         single = (*_SINGLE, "time") if with_time else _SINGLE
         return max(_share(self._gains[name][1]) for name in single)
+
+    def pulses_with_depth(self, gain_low: float) -> bool:
+        """True if the fit has a pulsation, and one that grows with depth gains more than that beside it."""
+        grows = (held for name, (_, held) in self._gains.items() if name.endswith(_WITH_DEPTH))
+        return Pulsation.name in self.fit.model and any(held.gain_low > gain_low for held in grows)
 
     def follows(self) -> tuple[Follows, ...]:
         """Up to three variables that clearly explain 15 % of the residual's variance, first the one to look

@@ -152,7 +152,8 @@ class Judge:
             return "unexplained", None, ()
         if self._not_driven():
             return "not_driven_by_this_axis", None, ()
-        if self._structure_left and not self._stand():
+        # the vocabulary's pulsation is a force of its own: one that grows with depth is something else
+        if self._left_over.pulses_with_depth(_CLEAR_GAIN) or (self._structure_left and not self._stand()):
             return "unexplained", following_motion(self._follows), ()
         groups = self._groups
         if groups:

@@ -31,7 +31,7 @@ def diagnosed(name: str, start: float = 0.0, end: float = 1.0) -> Diagnosis:
 
 def names(name: str, end: float = 1.0) -> set[str]:
     found = diagnosed(name, end=end)
-    assert found.verdict == "cause_found"
+    assert found.names_causes
     assert found.held_out.gain_low > 0.0
     return {cause.name for cause in found.causes}
 
