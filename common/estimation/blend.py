@@ -42,12 +42,14 @@ NAMES = ("zoh", *experts.NAMES, "contact", "contact, incremental")
 ZOH, FIRST, CONTACT = 0, 1, 1 + len(experts.NAMES)
 """The hold, the five experts, the contact model, and last f(s) and the change of the contact since."""
 MEMBERS = len(NAMES)
+RIVALS = 1 + MEMBERS - CONTACT
 
 
 class Blend(Protocol):
     """Sums of weighted losses by memory, of h^2 within 8 s, and of the weights; I; T; L; reach; sigma; w.
 
-    taught: 1 for each member that another run has taught.
+    taught: 1 while another run has taught the contact. rivals_n2: mean squared errors of the newest eighth of
+    T: of the blend of the others, and of the two members of the contact.
     """
 
     seen_fast: float
@@ -58,12 +60,13 @@ class Blend(Protocol):
     largest_n: float
     reach_n: float
     unexplained_n: float
+    taught: float
     losses: Annotated[Array, 2, MEMBERS]
     weights: Annotated[Array, MEMBERS]
-    taught: Annotated[Array, MEMBERS]
+    rivals_n2: Annotated[Array, RIVALS]
 
 
 def begin(blend: np.void, taught: bool) -> None:
     """Initialises a record of zeros: all weight is on the change of a taught contact, else on the hold."""
     blend["weights"][CONTACT + 1 if taught else ZOH] = 1.0
-    blend["taught"][CONTACT:] = taught
+    blend["taught"] = taught
