@@ -41,8 +41,8 @@ class Estimate(NamedTuple):
 
 class Learned(Protocol):
     """theta by expert, learned with stops of the radii `radii_m`; weights by member of the blend; taught:
-    1 while another run has taught the contact; f0, range of the forces, largest error of the zero-order hold L, reach,
-    time judged T; of the band the recent error and the factor.
+    1 while another run has taught the contact; f0, range of the forces, largest error of the zero-order hold
+    L, reach, time judged T; of the band the recent error and the factor.
 
     renewals: number of times that the learner has begun anew.
     """
@@ -92,7 +92,8 @@ class Evaluation(Protocol):
     value. received: number of forces in received_s and received_n. stage: expected position, velocity and
     acceleration. taught_n: the largest force so far of the contact as taught. contact_n: force of the
     contact; steadily_n: the same without the steps from one fit to the next. rows: u of `experts`; members_n:
-    predictions by member; others_n: the prediction without a taught contact; force_n, half_n, scale_n: the prediction, NaN without one, and its band.
+    predictions by member; others_n: the prediction without a taught contact; force_n, half_n, scale_n: the
+    prediction, NaN without one, and its band.
     """
 
     newest: float

@@ -9,9 +9,9 @@ static void share_out(Blend *blend) {
     const double DEARER = 1.5, TRUST = 100.0, TRUST_S = 0.3;
     double floor_n2 = square(FLOOR * blend->largest_n) + TINY, shares[RIVALS], total = 0.0;
     for (int r = 0; r < RIVALS; r++) {
-        shares[r] = square((blend->rivals_n2[0] + floor_n2) / (blend->rivals_n2[r] + floor_n2));
+        shares[r] = square(square((blend->rivals_n2[0] + floor_n2) / (blend->rivals_n2[r] + floor_n2)));
         if (r > 0)
-            shares[r] *= (1.0 + TRUST / (1.0 + square(blend->known_s / TRUST_S))) / square(DEARER);
+            shares[r] *= (1.0 + TRUST / (1.0 + square(blend->known_s / TRUST_S))) / square(square(DEARER));
         total += shares[r];
     }
     for (int e = 0; e < CONTACT; e++)
