@@ -19,7 +19,15 @@ from forefeel.report.template import render
 from forefeel.report.wording import plain_value, shown
 from forefeel.results.curves import LEFT, MODEL, Curves, Rows, near, strokes
 from forefeel.results.pictures import HEIGHT_PX, picture, sensor_picture, spectrum, timeline
-from forefeel.results.verdict_text import answer_lines, failure, gain_text, headline, next_steps, on_readings
+from forefeel.results.verdict_text import (
+    answer_lines,
+    failure,
+    gain_text,
+    headline,
+    next_steps,
+    on_readings,
+    stretch,
+)
 
 NOT_DRAWN = "A picture that failed"
 _WORST_S = 5.0  # of the stretch that is drawn in full
@@ -61,6 +69,7 @@ def render_page(
         fingerprint=lambda name: cause_class(name).fingerprint,
         words=words,
         shown=shown,
+        stretch=stretch,
         plain_value=plain_value,
     )
 
