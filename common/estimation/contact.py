@@ -4,6 +4,7 @@
 newest result in the loop. All times are stamps of commands.
 """
 
+from collections.abc import Sequence
 from math import inf, isfinite, nan
 from operator import mul
 
@@ -14,7 +15,7 @@ from forefeel.common.causes.runtime import ContactRuntime
 from forefeel.common.estimation.contact_fit import CHANGED_BY, Contact, Fitting
 from forefeel.common.estimation.contact_model import Causes, MotionExtent
 from forefeel.common.estimation.contact_prior import ContactPrior, widened
-from forefeel.common.estimation.sensor_model import SensorModel
+from forefeel.common.estimation.sensor_model import Sense, SensorModel
 from forefeel.common.estimation.state_filter import GAP_S
 
 __all__ = ["Contact", "ContactExpert", "ContactFit", "Fitting"]
@@ -154,36 +155,48 @@ class ContactFit:
 
 
 class ContactExpert:
-    """Computes the force of a contact along a motion, in the haptic loop."""
+    """Computes the force of a contact along a motion, in the haptic loop.
+
+    Attributes:
+        steps_n: by how much the changes of the contact so far have lowered its reading, in N; they pass the
+            lags and delays of its sensor as the force does.
+    """
 
     def __init__(self) -> None:
         self._runtime: ContactRuntime | None = None
         self._sensor = SensorModel(ContactModel("", ()))
         self._theta: tuple[float, ...] = ()
-        self.reset()
+        self._effects: Sequence[tuple[str, str | None]] = ()
+        self._sum_n = self.steps_n = 0.0
+        self._force_n, self._renewed = nan, False
+        self._sense: Sense = self._sensor.chain()
+        self._sense_steps: Sense = self._sensor.chain()
 
     def use(self, contact: Contact) -> None:
-        """Switches to a contact; the states of friction and relaxation stay.
-
-        The first one builds effects and sensor. A later one changes their parameters and theta only; it has
-        to have the same effects.
-        """
-        if self._runtime is None:
+        """Switches to a contact; the states of friction and relaxation stay if it has the same effects."""
+        effects = [(entry.effect, entry.site) for entry in contact.model.effects]
+        if self._runtime is None or effects != self._effects:
             self._runtime, self._sensor = contact.model.runtime(), SensorModel(contact.model)
-            self.reset()
+            self._sense, self._sense_steps = self._sensor.chain(), self._sensor.chain()
+            self._effects = effects
         else:
             self._runtime.revalue([dict(entry.parameters) for entry in contact.model.effects])
-        self._theta = contact.theta
+        self._theta, self._renewed = contact.theta, True
 
     def move(self, t_s: float, x_m: float, v_m_s: float, a_m_s2: float, dt_s: float) -> float:
         """Advances the contact by `dt_s` and returns its force in N; NaN before `use`."""
         if self._runtime is None:
             return nan
         force_n: float = sum(map(mul, self._theta, self._runtime.regressors(t_s, x_m, v_m_s, a_m_s2, dt_s)))
+        if self._renewed and isfinite(self._force_n - force_n):
+            self._sum_n += self._force_n - force_n
+        self._force_n, self._renewed = force_n, False
+        self.steps_n = self._sense_steps(t_s, self._sum_n, dt_s)
         return self._sensor.limited(self._sense(t_s, force_n, dt_s))
 
     def reset(self) -> None:
         """Clears the states, as after a new grip."""
-        self._sense = self._sensor.chain()
+        self._force_n, self._renewed = nan, False
+        self._sense, self._sense_steps = self._sensor.chain(), self._sensor.chain()
         if self._runtime is not None:
             self._runtime.reset()

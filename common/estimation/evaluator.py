@@ -41,8 +41,8 @@ class Estimate(NamedTuple):
 
 class Learned(Protocol):
     """theta by expert, learned with stops of the radii `radii_m`; weights by member of the blend; taught:
-    1 if another run has taught it; f0, range of the forces, largest error of the zero-order hold L, reach,
-    time judged T; of the band the recent error and the factor.
+    1 while another run has taught the contact; f0, range of the forces, largest error of the zero-order hold
+    L, reach, time judged T; of the band the recent error and the factor.
 
     renewals: number of times that the learner has begun anew.
     """
@@ -56,10 +56,10 @@ class Learned(Protocol):
     reach_n: float
     recent_n: float
     factor: float
+    taught: float
     radii_m: Annotated[Array, banks.STOPS]
     theta: Annotated[Array, len(experts.NAMES), experts.ROW]
     weights: Annotated[Array, MEMBERS]
-    taught: Annotated[Array, MEMBERS]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,7 +92,8 @@ class Evaluation(Protocol):
     value. received: number of forces in received_s and received_n. stage: expected position, velocity and
     acceleration. taught_n: the largest force so far of the contact as taught. contact_n: force of the
     contact; steadily_n: the same without the steps from one fit to the next. rows: u of `experts`; members_n:
-    predictions by member; force_n, half_n, scale_n: the prediction, NaN without one, and its band.
+    predictions by member; others_n: the prediction without a taught contact; force_n, half_n, scale_n: the
+    prediction, NaN without one, and its band.
     """
 
     newest: float
@@ -110,6 +111,7 @@ class Evaluation(Protocol):
     steadily_n: Annotated[Array, RING]
     rows: Annotated[Array, RING, experts.ROW]
     members_n: Annotated[Array, RING, MEMBERS]
+    others_n: Annotated[Array, RING]
     force_n: Annotated[Array, RING]
     half_n: Annotated[Array, RING]
     scale_n: Annotated[Array, RING]
@@ -172,8 +174,6 @@ class Evaluator:
         self._taught: Contact | None = None
         self._velocity = StateFilter(_CUTOFF_HZ)
         self._moved_s = -math.inf
-        self._contact_n = math.nan
-        self._steps_n = 0.0
 
     def move(self, t_s: float, position_m: float, stage_m: float, velocity_m_s: float) -> None:
         """Adds the own motion at stamp `t_s`: setpoint and expected stage position in m, velocity in m/s.
@@ -186,9 +186,9 @@ class Evaluator:
         if not (dt_s > 0.0 and math.isfinite(t_s + position_m + stage_m + velocity_m_s)):
             return
         self._moved_s = t_s
-        contact, renewed = self.snapshot.contact, False
+        contact = self.snapshot.contact
         if contact is not None and contact is not self._used:
-            self._used, renewed = contact, True
+            self._used = contact
             self._expert.use(contact)
         taught = self.snapshot.taught
         if taught is not None and taught is not self._taught:
@@ -204,10 +204,7 @@ class Evaluator:
         if dt_s <= GAP_S:
             contact_n = self._expert.move(t_s, *stage, dt_s)
             taught_n = self._taught_expert.move(t_s, *stage, dt_s)
-        if renewed and math.isfinite(self._contact_n - contact_n):
-            self._steps_n += self._contact_n - contact_n
-        self._contact_n = contact_n
-        steadily_n = contact_n + self._steps_n
+        steadily_n = contact_n + self._expert.steps_n
         self._own_motion.pack(t_s, position_m, *stage, contact_n, steadily_n, taught_n)
         self._kernels.evaluator_move(self._address, self._own_motion.address)
 

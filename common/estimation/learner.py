@@ -71,7 +71,7 @@ class Learner:
             last sample, or once it is done if that is later.
 
     Attributes:
-        prior: as given; None after a lost contact. fits: number of fits of the contact so far.
+        prior: as given; None once it is dropped. fits: number of fits of the contact so far.
         renewals: number of times that all was discarded, for bad predictions (`validity`) or a lost contact.
         lost_n: force in N that each lost contact predicted at its loss, see `lost_contact`.
     """
@@ -106,6 +106,14 @@ class Learner:
         self._lost_contact = LostContact()
         self.renewals += 1
 
+    def _drop_taught(self) -> None:
+        """Goes on without prior and model; what the experts have learned stays."""
+        self.prior = self._model = self._fitting = None
+        self._fit = ContactFit()
+        self._knowledge.values["blend"]["taught"] = 0.0
+        self._knowledge.values["trial"] = 0.0
+        change_detection.begin(self._knowledge.values["trial"])
+
     def take(self, stamp_s: float, force_n: float, error_m: float = 0.0) -> None:
         """Learns from a force that was measured at `stamp_s`, the stamp of a motion; in any order, once each.
 
@@ -124,13 +132,16 @@ class Learner:
     def _take(self, stamp_s: float, force_n: float, error_m: float) -> None:
         """Learns from one force, and adds it to the fit of the contact if its motion is known.
 
-        If the predictions are found worse than the zero-order hold, discards all that was learned and begins
-        with this force.
+        If the predictions are found worse than the zero-order hold, drops prior and model, as with them the
+        same would be predicted again; without them, discards all that was learned and begins with this force.
         """
         self._reading.pack(stamp_s, force_n)
         n = self._learn()
         if n == WORSE_THAN_NOTHING:
-            self._begin_anew()
+            if self.prior is None and self._model is None:
+                self._begin_anew()
+            else:
+                self._drop_taught()
             n = self._learn()
         if n >= 0:
             self._fit_contact(stamp_s, n % RING, force_n, error_m)

@@ -76,22 +76,18 @@ static void predict_members(Evaluation *evaluation, const Learned *learned, long
     members_n[CONTACT + 1] = held_n + evaluation->steadily_n[i] - evaluation->steadily_n[j];
     double range_n = forces->high_n - forces->low_n;
     for (int e = CONTACT; e < MEMBERS; e++)
-        if (learned->taught[e] == 0.0 && !isnan(members_n[e]))
+        if (learned->taught == 0.0 && !isnan(members_n[e]))
             members_n[e] = within(forces->low_n - range_n, forces->high_n + range_n, members_n[e]);
 }
 
-/* Cuts a prediction to the reach about the newest force, see blend.py, and to near the range of forces; members
-   that another run has taught widen both by their weight. Gives the hold if it is not finite. */
+/* Cuts a prediction to the reach about the newest force, see blend.py, and to near the range of forces. Gives the
+   hold if it is not finite. */
 static double limited(const Learned *learned, const Forces *forces, double force_n, double held_n) {
     /* distance of a prediction beyond the range of the forces, over that range */
     const double BEYOND = 0.1, EARLY_BEYOND = 1.0;
-    double beyond = learned->known_s < EARLY_S ? EARLY_BEYOND : BEYOND, taught = 0.0;
-    for (int e = 0; e < MEMBERS; e++)
-        taught += learned->weights[e] * learned->taught[e];
-    double taught_n = taught * fabs(force_n - held_n);
-    double reach_n = most(learned->reach_n, taught_n);
-    double beyond_n = most(beyond * (forces->high_n - forces->low_n), taught_n);
-    force_n = within(held_n - reach_n, held_n + reach_n, force_n);
+    double beyond = learned->known_s < EARLY_S ? EARLY_BEYOND : BEYOND;
+    double beyond_n = beyond * (forces->high_n - forces->low_n);
+    force_n = within(held_n - learned->reach_n, held_n + learned->reach_n, force_n);
     force_n = within(forces->low_n - beyond_n, forces->high_n + beyond_n, force_n);
     return isfinite(force_n) ? force_n : held_n;
 }
@@ -127,8 +123,17 @@ void evaluator_predict(Evaluation *evaluation, const Learned *learned, Predicted
     int i = place(n);
     if (evaluation->newest >= 0.0) {
         predict_members(evaluation, learned, n, evaluation->members_n[i]);
-        mean = blend_mean(learned->weights, evaluation->members_n[i]);
-        double limited_n = limited(learned, forces, mean.force_n, held_n), first_n = forces->first_n;
+        const double *weights = learned->weights, *members_n = evaluation->members_n[i];
+        double limited_n, first_n = forces->first_n;
+        mean = blend_mean(weights, members_n, MEMBERS);
+        if (learned->taught > 0.0) {  /* has learned where the forces have not been yet */
+            double others_n = limited(learned, forces, blend_mean(weights, members_n, CONTACT).force_n, held_n);
+            double shares[] = {sum(weights, CONTACT), weights[CONTACT], weights[CONTACT + 1]};
+            double rivals_n[] = {others_n, members_n[CONTACT], members_n[CONTACT + 1]};
+            limited_n = blend_mean(shares, rivals_n, RIVALS).force_n;
+            evaluation->others_n[i] = others_n;
+        } else
+            limited_n = limited(learned, forces, mean.force_n, held_n);
         double largest_n = most(most(forces->high_n - first_n, first_n - forces->low_n), evaluation->taught_n);
         double most_n = MOST * largest_n;
         force_n = within(first_n - most_n, first_n + most_n, limited_n);

@@ -46,6 +46,7 @@ def _counts() -> Mapping[str, int]:
         "LAGS": len(experts.LAGS_S),
         "EXPERTS": len(experts.NAMES),
         "MEMBERS": blend.MEMBERS,
+        "RIVALS": blend.RIVALS,
         "ZOH": blend.ZOH,
         "FIRST_EXPERT": blend.FIRST,
         "CONTACT": blend.CONTACT,

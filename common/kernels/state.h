@@ -3,7 +3,7 @@
 
 enum { RING = 8192, STOPS = 8, COUNT = 42, FIRST_STOP = 5, FIRST_RELAXATION = 13, FIRST_DIFFERENCE = 19,
     FIRST_NONLINEAR = 34, RELAXATIONS = 3, DIFFERENCES = 5, THEN = 42, HELD = 83, PAST = 84, STEP = 90,
-    ROW = 102, PLAIN = 3, ODD = 4, LAGS = 6, EXPERTS = 5, MEMBERS = 8, ZOH = 0, FIRST_EXPERT = 1,
+    ROW = 102, PLAIN = 3, ODD = 4, LAGS = 6, EXPERTS = 5, MEMBERS = 8, RIVALS = 3, ZOH = 0, FIRST_EXPERT = 1,
     CONTACT = 6, FIRST_FORCES = 3, BINS = 128, ZERO_BIN = 64, PER_OCTAVE = 8, WORSE_THAN_NOTHING = -2 };
 static const double GAP_S = 0.1;
 static const double NO_OCTAVE = -9999.0;
@@ -67,6 +67,7 @@ typedef struct {
     double steadily_n[8192];
     double rows[8192][102];
     double members_n[8192][8];
+    double others_n[8192];
     double force_n[8192];
     double half_n[8192];
     double scale_n[8192];
@@ -83,10 +84,10 @@ typedef struct {
     double reach_n;
     double recent_n;
     double factor;
+    double taught;
     double radii_m[8];
     double theta[5][102];
     double weights[8];
-    double taught[8];
 } Learned;
 
 typedef struct {
@@ -109,9 +110,10 @@ typedef struct {
     double largest_n;
     double reach_n;
     double unexplained_n;
+    double taught;
     double losses[2][8];
     double weights[8];
-    double taught[8];
+    double rivals_n2[3];
 } Blend;
 
 typedef struct {

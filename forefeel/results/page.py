@@ -30,6 +30,7 @@ from forefeel.results.verdict_text import (
     headline,
     next_steps,
     on_readings,
+    stretch,
 )
 
 NOT_DRAWN = "A picture that failed"
@@ -76,6 +77,7 @@ def render_page(
         fingerprint=lambda name: cause_class(name).fingerprint,
         words=words,
         shown=shown,
+        stretch=stretch,
         plain_value=plain_value,
     )
 

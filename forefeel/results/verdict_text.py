@@ -290,10 +290,15 @@ def _predicted(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]
     if isinstance(across, str):
         return [f"failed: {across}"]
     return [
-        f"{1e3 * across.delay_s:.0f} ms ahead, rms: {quantity(across.before_n, 'N')} before, "
-        f"{quantity(across.after_n, 'N')} extended, {quantity(across.zoh_n, 'N')} by a zero-order hold",
+        f"{1e3 * across.delay_s:.0f} ms ahead, {stretch(across)}, rms: "
+        f"{quantity(across.before_n, 'N')} before, {quantity(across.after_n, 'N')} extended, "
+        f"{quantity(across.zoh_n, 'N')} by a zero-order hold",
         *why_no_better(diagnosis, across),
     ]
+
+
+def stretch(across: "Across") -> str:
+    return f"{across.from_s:.3g} to {across.to_s:.3g} s"
 
 
 def next_steps(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]:
@@ -332,7 +337,8 @@ def _with_the_model(across: "Across | str | None") -> list[str]:
     if across is None or isinstance(across, str):
         return [simulated, "what the master gains by it: forefeel evaluate FILE --model model.yaml"]
     if not better(across):
-        return [simulated, "leave model.yaml out of the master: it predicts this motion no worse alone"]
+        alone = "better" if _compared(across) == "worse" else "no worse"
+        return [simulated, f"leave model.yaml out of the master: it predicts this motion {alone} alone"]
     return [
         "use it: prediction: {model: model.yaml} in the settings of forefeel master",
         "try it first: forefeel loopback --master-model model.yaml",
@@ -341,16 +347,25 @@ def _with_the_model(across: "Across | str | None") -> list[str]:
 
 def better(across: "Across") -> bool:
     """True where the extended model predicts clearly better than the master does without a model."""
-    return across.after_n < (1.0 - _ALIKE) * across.before_n
+    return _compared(across) == "better"
+
+
+def _compared(across: "Across") -> str:
+    """`better`, `the same` or `worse`: the prediction with the extended model beside that without one."""
+    ratio = across.after_n / across.before_n if across.before_n > 0.0 else 1.0
+    return "better" if ratio < 1.0 - _ALIKE else "worse" if ratio > 1.0 + _ALIKE else "the same"
 
 
 def why_no_better(diagnosis: Diagnosis, across: "Across") -> list[str]:
-    """Line on why the extended model predicts no better; none where it does."""
+    """Line that says whether the extended model predicts the same or worse, and why; none where better."""
     if better(across):
         return []
+    compared, learned = _compared(across), "as much"
+    if compared == "worse":
+        compared, learned = f"{100.0 * (across.after_n / across.before_n - 1.0):.0f} % worse", "more"
     if across.zoh_n < min(across.before_n, across.after_n):
-        return ["no better: on this motion the newest late force is nearest"]
+        return [f"{compared}: on this motion the newest late force is nearest"]
     kinds = [cause_class(named.name) for named in diagnosis.causes]
     if all(kind.of_its_run or kind.sized_anew for kind in kinds):
-        return ["no better: what was found in one run says nothing of the next, and is learned anew"]
-    return ["no better: the predictor learned as much from the late forces"]
+        return [f"{compared}: what was found in one run says nothing of the next, and is learned anew"]
+    return [f"{compared}: the predictor learned {learned} from the late forces"]

@@ -7,6 +7,7 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.estimation.contact import ContactFit
 from forefeel.common.estimation.contact_loaded import loaded_causes
 from forefeel.common.estimation.contact_prior import ContactPrior
+from forefeel.common.estimation.predictor import Predictor
 from tests.unit.contact_samples import predicted, session, world
 
 
@@ -90,3 +91,25 @@ def test_loaded_cause_predicts_what_the_list_lacks(name: str, values: dict[str, 
     error = predicted(moved, loaded=world(effect)) - moved.force_n
 
     assert np.sqrt(np.mean(error[moved.t > 4.0] ** 2)) < 0.006
+
+
+def test_wrong_model_is_dropped_and_what_the_experts_have_learned_stays() -> None:
+    """A spring of 500 times the stiffness, with friction, in place of a spring."""
+    spring = {"mass_kg": 0.0, "damping_n_s_m": 0.0, "stiffness_n_m": 5e4}
+    friction = {"force_n": 20.0, "stiffness_n_m": 1e5}
+    alone = Predictor()
+    beside = Predictor(model(("mass_damper_spring", spring), ("presliding_hysteresis", friction)))
+    t = 0.004 * np.arange(2000)
+    x = 0.005 * (1.0 - np.cos(4.0 * t)) + 0.002 * np.sin(7.0 * t)
+    errors_n = []
+    for predictor in (alone, beside):
+        predicted_n = np.zeros(len(t))
+        for n, (t_s, x_m) in enumerate(zip(t.tolist(), x.tolist(), strict=True)):
+            if n >= 75:
+                predictor.observe(float(t[n - 75]), 100.0 * float(x[n - 75]))
+            predictor.move(t_s, x_m)
+            estimate = predictor.predict()
+            predicted_n[n] = estimate.force_n if estimate else 0.0
+        errors_n.append(np.sqrt(np.mean((predicted_n - 100.0 * x)[1250:] ** 2)))
+    assert beside.learner._model is None and beside.learner.renewals == 0
+    assert errors_n[1] < 1.02 * errors_n[0]

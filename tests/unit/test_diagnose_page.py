@@ -79,7 +79,7 @@ def test_picture_or_prediction_that_fails_is_one_line(
 
 
 def test_answer_has_cause_prediction_and_caution(rubbing: Diagnosed) -> None:
-    across = Across(0.3, 0.2, 0.05, 0.02)
+    across = Across(0.3, 0.2, 0.05, 0.02, 0.0, 20.0)
     found = replace(rubbing.diagnosis, flags=("non_uniform",))
     lines = answer(rubbing.analysis.recording, found, across)
     assert any("prediction: {model: model.yaml}" in line for line in lines)
@@ -88,11 +88,21 @@ def test_answer_has_cause_prediction_and_caution(rubbing: Diagnosed) -> None:
     assert max(map(len, lines)) < 120
 
 
-def test_model_that_predicts_no_better_is_not_advised(rubbing: Diagnosed) -> None:
-    text = "\n".join(answer(rubbing.recording, rubbing.diagnosis, Across(0.3, 0.2, 0.05, 0.06)))
-    assert "no better: the predictor" in text and "forefeel master" not in text
-    text = "\n".join(answer(rubbing.recording, rubbing.diagnosis, Across(0.3, 0.02, 0.05, 0.06)))
-    assert "no better: on this motion the newest late force is nearest" in text
+@pytest.mark.parametrize(
+    ("zoh_n", "after_n", "compared", "alone"),
+    [
+        (0.2, 0.051, "the same: the predictor learned as much", "no worse alone"),
+        (0.2, 0.0855, "71 % worse: the predictor learned more", "better alone"),
+        (0.02, 0.06, "20 % worse: on this motion the newest late force is nearest", "better alone"),
+    ],
+)
+def test_model_that_predicts_no_better_is_not_advised(
+    rubbing: Diagnosed, zoh_n: float, after_n: float, compared: str, alone: str
+) -> None:
+    across = Across(0.3, zoh_n, 0.05, after_n, 12.0, 32.0)
+    text = "\n".join(answer(rubbing.recording, rubbing.diagnosis, across))
+    assert "300 ms ahead, 12 to 32 s, rms" in text
+    assert compared in text and alone in text and "forefeel master" not in text
 
 
 def test_what_is_nearest_is_told_though_too_much_is_left(rubbing: Diagnosed) -> None:

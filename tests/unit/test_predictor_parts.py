@@ -103,20 +103,19 @@ class TestExperts:
 def test_weights_are_the_fourth_power_of_the_losses_seen() -> None:
     rng = np.random.default_rng(0)
     blend = Record(blends.Blend)
-    blends.begin(blend.values, taught=True)
+    blends.begin(blend.values, taught=False)
     members, h, zoh_n, range_n = blends.MEMBERS, 0.019, 0.5, 3.0
     errors = rng.standard_normal((300, members)) * np.linspace(0.1, 2.0, members)
     errors[:, blends.ZOH] = zoh_n * np.linspace(1.0, 2.0, 300)
     errors[:, 2] = np.nan  # one that says nothing
     for n in range(300):
-        call("judge_blend", blend, 1.0 + errors[n], 1.0, range_n, h)
+        call("judge_blend", blend, 1.0 + errors[n], 1.0, 1.0, range_n, h)
     squares = np.where(np.isnan(errors), errors[:, :1], errors) ** 2
-    taught = np.arange(members) >= blends.CONTACT
     zoh2, losses = errors[:, 0] ** 2, squares.copy()
     for n in range(300):
         fading = np.exp(-np.arange(n + 1)[::-1] * h / 8.0)
         cap = (0.8 * (1 + (n + 1) * h / 10.0)) ** 2 * max(zoh2[n], fading @ zoh2[: n + 1] / fading.sum())
-        losses[n, ~taught] = np.minimum(squares[n, ~taught], cap)
+        losses[n] = np.minimum(squares[n], cap)
     v = np.zeros(members)
     for memory_s, share in ((2.0, 0.7), (8.0, 0.3)):
         fading = np.exp(-np.arange(300)[::-1] * h / memory_s)
@@ -124,8 +123,8 @@ def test_weights_are_the_fourth_power_of_the_losses_seen() -> None:
     largest = 2 * zoh_n
     v += (0.003 * largest) ** 2
     cold = (0.1 * largest) ** 2 / (1 + zoh2.sum() * h / (0.1 * largest**2) + (5.7 / 6.0) ** 2)
-    v += cold * ((np.arange(members) != blends.FIRST + experts.ODD) & ~taught)
-    expected = v**-4 * (1 + 10 * taught / (1 + (5.7 / 6.0) ** 2))
+    v += cold * (np.arange(members) != blends.FIRST + experts.ODD)
+    expected = v**-4
     expected /= expected.sum()
     np.testing.assert_allclose(blend.values["weights"], expected, rtol=1e-9)
     early = np.arange(1, 301) * h < 5.0
@@ -141,6 +140,29 @@ def test_weights_are_the_fourth_power_of_the_losses_seen() -> None:
     assert force_n == pytest.approx(speaking @ said, rel=1e-12)
     assert variance_n2 == pytest.approx(speaking @ (said - force_n) ** 2, rel=1e-9)
     assert leading == np.argmax(speaking)
+
+
+def test_taught_contact_shares_with_the_blend_of_the_others_by_the_newest_errors() -> None:
+    rng = np.random.default_rng(1)
+    h, count, contact = 0.01, 250, blends.CONTACT
+    errors = rng.standard_normal((count, blends.MEMBERS))
+    others = rng.standard_normal(count) * np.linspace(3.0, 0.5, count)
+    errors[:, -1] = np.nan  # in a gap of the motion
+    both = [Record(blends.Blend) for _ in range(2)]
+    for blend, is_taught in zip(both, (True, False), strict=True):
+        blends.begin(blend.values, taught=is_taught)
+        for n in range(count):
+            call("judge_blend", blend, errors[n], float(others[n]), 0.0, 1.0, h)
+    squares = np.stack([others, errors[:, contact], errors[:, blends.ZOH]]) ** 2
+    keep = np.exp(-h / (0.125 * h * np.arange(1, count + 1)))
+    left = np.append(np.cumprod(keep[:0:-1])[::-1], 1.0)
+    v = squares @ ((1.0 - keep) * left) + (0.003 * np.abs(errors[:, blends.ZOH]).max()) ** 2
+    shares = v**-4.0 * np.append(1.0, np.full(2, (1 + 100 / (1 + (count * h / 0.3) ** 2)) / 1.5**4))
+    shares /= shares.sum()
+    weights, alone = (blend.values["weights"] for blend in both)
+    np.testing.assert_allclose(weights[contact:], shares[1:], rtol=1e-9)
+    of_others = alone[:contact] / alone[:contact].sum()
+    np.testing.assert_allclose(weights[:contact], shares[0] * of_others, rtol=1e-9)
 
 
 class TestBand:
