@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.motion import Motion
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis import prediction
 
@@ -29,7 +30,7 @@ def test_run_that_begins_at_rest_is_judged_where_it_moves(monkeypatch: pytest.Mo
     moving_s = np.maximum(t - 10.0, 0.0)
     x = 0.005 * (1.0 - np.cos(2.0 * np.pi * 0.4 * moving_s))
     v = np.gradient(x, t)
-    force_n = MODEL.runtime().forces_n(t, x, v, np.gradient(v, t))
+    force_n = MODEL.runtime().forces_n(Motion.of(t, x, v, np.gradient(v, t)))
     force_n = force_n + 0.002 * np.random.default_rng(0).standard_normal(len(t))
     across = prediction.across_delay(Recording("late", t, x, force_n, "late"), MODEL)
 
