@@ -25,11 +25,13 @@ def recorded(path: Path) -> Run | None:
 
 
 def moved(run: Run) -> bool:
-    """The stage has followed commands, and each force says which."""
+    """True if the stage has followed a thousand commands: one that is interrupted at the first has no session
+    that the master knew to be armed.
+    """
     answers = np.isfinite(run.column(AXIS, FORCE, "answers_sequence"))
     answers &= run.column(AXIS, FORCE, "valid").astype(bool)
     moved_m = run.column(AXIS, FORCE, "position_m")[answers]
-    return len(moved_m) > 20 and float(np.ptp(moved_m)) > 20e-6
+    return len(moved_m) > 1000 and float(np.ptp(moved_m)) > 20e-6
 
 
 def missing(run: Run) -> list[str]:
