@@ -137,10 +137,11 @@ class Causes:
         self.forces = [i for i in range(len(self.linear)) if i not in waves]
         self.names = (*(self.linear[i] for i in self.forces), *WAVES, *SHAPE, NOISE)
         away = self._loaded.means.get(_STIFFNESS, 0.0) < 0.0  # a weight that stands upright, a magnet
-        one_sign = (
-            _parameter(name).lower >= 0.0 or (name == _STIFFNESS and not away) for name in self.linear
+        self.positive = tuple(
+            i
+            for i in self.forces
+            if _parameter(self.linear[i]).lower >= 0.0 or (self.linear[i] == _STIFFNESS and not away)
         )
-        self.positive = tuple(i for i, positive in enumerate(one_sign) if positive and i in self.forces)
         self.cold = np.array([_parameter(name).explains for name in self.linear])
         self.least = np.array([_least_rms(_parameter(name).unit) for name in self.linear])
         if loaded is not None:

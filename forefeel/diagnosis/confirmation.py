@@ -100,7 +100,7 @@ def confirm(diagnosed: Diagnosed, recording: Recording) -> Replay:
     larger = float(np.std(force_n) / np.std(here.signals.force[here.rows]))
     expected_n = float(np.hypot(beside_n, np.sqrt(1.0 - share) * larger * here_n))
     verdict: ConfirmationName = "confirmed"
-    if not diagnosis.causes and diagnosis.verdict not in {"nothing_missing", "nothing_found"}:
+    if not diagnosis.has_a_model:
         verdict = "not_told"
     elif left_n > _MOST * expected_n:
         verdict = "not_told" if left_n < np.hypot(_MOST * expected_n, doubt_n) else "not_confirmed"

@@ -41,8 +41,8 @@ class Leftover:
     regression: RecordingRegression
     fit: ModelFit
 
-    @property
-    def variables(self) -> dict[str, Columns]:
+    @cached_property
+    def _variables(self) -> dict[str, Columns]:
         """Columns of each variable, shape (coarse samples, columns), made when called; filtered and late as
         the cell shows them.
         """
@@ -74,11 +74,11 @@ class Leftover:
         return {**made, "size of the force": lambda: np.column_stack(_bumps(force, _knots(force, 12)))}
 
     def _of_time(self) -> dict[str, Columns]:
-        """Columns of time, and of one rhythm (`_line_hz`), which may last, act while the motion
-        does, grow with depth, or vary in rate.
+        """Columns of time, and of one rhythm (`_line_hz`), which may last, act while the motion does, grow
+        with depth, or vary in rate.
         """
         regression, t = self.regression, self.regression.signals.t
-        line_hz = self._line_hz()
+        line_hz, knots = self._line_hz(), int(np.clip(regression.extent.duration_s / _STEP_S, 8, 60))
         m = regression.motion(self.fit.model)
         speed, depth = (np.interp(t, m.t, values) for values in (np.abs(m.v), m.x))
         moves = np.tanh(speed / max(float(np.median(speed)), 1e-12))
@@ -90,15 +90,12 @@ class Leftover:
             return np.column_stack([w(n * turns) for n in range(1, harmonics + 1) for w in (np.sin, np.cos)])
 
         return {
-            "time": lambda: np.column_stack(_bumps(t, np.linspace(t[0], t[-1], self._time_knots()))),
+            "time": lambda: np.column_stack(_bumps(t, np.linspace(t[0], t[-1], knots))),
             rhythm: lambda: waves(3),
             f"{rhythm} while it moves": lambda: moves[:, None] * waves(2),
             f"{rhythm} {_WITH_DEPTH}": lambda: np.hstack([waves(2), depth[:, None] * waves(2)]),
             f"{rhythm}, rate varies": lambda: np.hstack([slowly * wave[:, None] for wave in waves(2).T]),
         }
-
-    def _time_knots(self) -> int:
-        return int(np.clip(self.regression.extent.duration_s / _STEP_S, 8, 60))
 
     def _line_hz(self) -> float:
         """Frequency in Hz of the fitted pulsation, which may pulse with more than time; else of the strongest
@@ -121,13 +118,13 @@ class Leftover:
         spectra = signals.spectrum(np.array(table()))
         return signals.column(spectra if factor is None else spectra * factor).T
 
-    def gain_of(self, extra: Floats) -> HeldOut:
+    def _gain_of(self, extra: Floats) -> HeldOut:
         """Held-out gain of the fit's columns with `extra` ones (coarse grid, not whitened) over the fit's
         columns alone; that of the ridge on the extra ones that gains most.
         """
-        alone = held_out(self.regression, *columns(self.regression, self.fit))
-        both = (self._errors_beside(self.fit, extra, ridge) for ridge in _RIDGES)
-        return max((gain(self.regression, alone, errors) for errors in both), key=lambda trial: trial.gain)
+        both = (self._errors_beside(self._columns, extra, ridge) for ridge in _RIDGES)
+        gains = (gain(self.regression, self._errors_alone, errors) for errors in both)
+        return max(gains, key=lambda trial: trial.gain)
 
     def gain_beside(self, plain: ModelFit) -> float:
         """Lower end of the held-out gain of the fit over a plainer one with the columns of a single variable
@@ -136,14 +133,25 @@ class Leftover:
         most = max(_SINGLE, key=lambda name: self._gains[name][1].gain)
         if _share(self._gains[most][1]) < _HALF:
             return np.inf
-        extra = self.variables[most]()
-        before, after = (self._errors_beside(fit, extra, _RIDGES[-1]) for fit in (plain, self.fit))
+        extra = self._variables[most]()
+        both = columns(self.regression, plain), self._columns
+        before, after = (self._errors_beside(of_fit, extra, _RIDGES[-1]) for of_fit in both)
         return gain(self.regression, before, after).gain_low
 
-    def _errors_beside(self, fit: ModelFit, extra: Floats, ridge: float) -> Floats:
+    @cached_property
+    def _columns(self) -> tuple[Floats, Floats]:
+        """(whitened, plain) columns of the fit."""
+        return columns(self.regression, self.fit)
+
+    @cached_property
+    def _errors_alone(self) -> Floats:
+        """Held-out errors of the fit's columns."""
+        return held_out(self.regression, *self._columns)
+
+    def _errors_beside(self, of_fit: tuple[Floats, Floats], extra: Floats, ridge: float) -> Floats:
         """Held-out errors of a fit's columns with `extra` ones beside them, `ridge` on these."""
         regression, pieces = self.regression, self.regression.signals.piecewise(fine=False)
-        white, plain = columns(regression, fit)
+        white, plain = of_fit
         extra_white = regression.noise.whiten(extra, pieces)[regression.rows] / regression.noise.innovation_n
         weights = np.repeat([1e-10, ridge], [white.shape[1], extra.shape[1]])
         both = np.hstack([white, extra_white]), np.hstack([plain, extra[regression.rows]])
@@ -152,8 +160,8 @@ class Leftover:
     @cached_property
     def _gains(self) -> dict[str, tuple[int, HeldOut]]:
         """Number of columns and held-out gain of each variable."""
-        tables = {variable: make() for variable, make in self.variables.items()}
-        return {variable: (table.shape[1], self.gain_of(table)) for variable, table in tables.items()}
+        tables = ((variable, make()) for variable, make in self._variables.items())
+        return {variable: (table.shape[1], self._gain_of(table)) for variable, table in tables}
 
     def largest_share(self, gain_low: float = 0.0) -> float:
         """Share of the residual's variance that the best variable explains, of those whose gain has a lower
@@ -171,8 +179,10 @@ class Leftover:
 
     def pulses_with_depth(self, gain_low: float) -> bool:
         """True if the fit has a pulsation, and one that grows with depth gains more than that beside it."""
+        if Pulsation.name not in self.fit.model:
+            return False
         grows = (held for name, (_, held) in self._gains.items() if name.endswith(_WITH_DEPTH))
-        return Pulsation.name in self.fit.model and any(held.gain_low > gain_low for held in grows)
+        return any(held.gain_low > gain_low for held in grows)
 
     def follows(self) -> tuple[Follows, ...]:
         """Up to three variables that clearly explain 15 % of the residual's variance, first the one to look

@@ -29,6 +29,7 @@ from forefeel.diagnosis.regression import BASE, ModelFit
 from forefeel.diagnosis.residual import excess_share, predictable_share
 from forefeel.diagnosis.uncertainty import gain, held_out_errors, intervals, significant
 from forefeel.diagnosis.verdict import (
+    MOST_TIMES_THE_NOISE,
     NAMING,
     Cause,
     Diagnosis,
@@ -51,10 +52,8 @@ SLOW = "slow_force"
 _FORETOLD = 0.3
 _STRUCTURE = 0.135
 _FLEXIBLE = 0.15  # lower end of the held-out gain of a function of one variable that shows structure
-_FORETOLD_UNKNOWN, _OF_FORCE_UNKNOWN = (
-    0.5,
-    0.03,
-)  # of the variance, of the force: the same where the noise is unknown
+# share of the residual that its past foretells, and of the force that is left, where the noise is unknown
+_FORETOLD_UNKNOWN, _OF_FORCE_UNKNOWN = 0.5, 0.03
 _OF_FORCE = 0.02
 # of the variance that m, b, k and a bias leave, which the causes leave, too: then it has to be noise
 _MUCH_LEFT = 0.2
@@ -63,7 +62,6 @@ _STROKES = 4  # reversals on each side of a change,
 _NEARLY_ALL = 0.9  # or the lower end of its held-out gain
 _CLEAR_GAIN = 0.1  # lower end of the held-out gain that a cause needs beside structure that has no name
 _AS_MUCH = 1.15  # times what the best function of one variable leaves, that causes may leave beside structure
-_TIMES_THE_NOISE = 3.0  # more is left than a simulation that is complete leaves
 _REMEMBERED = 0.2  # share that the past foretells of what is no noise; first-order noise of 5 Hz leaves 0.08
 # share of the force's variance that the motion explains, above which nobody doubts that it drives the force
 _DRIVEN = 0.6
@@ -82,12 +80,12 @@ def judged(analysis: Analysis) -> tuple[Diagnosis, Analysis]:
     """
     while True:
         judge = Judge(analysis)
-        doubted, unclear = judge.doubted(), judge.unclear()
-        if doubted is not None:
+        if (doubted := judge.doubted()) is not None:
             analysis = analysis.without(doubted)
         elif judge.slow:
-            return Judge(analysis.baseline()).diagnosis(), analysis.baseline()
-        elif unclear is not None:
+            analysis = analysis.baseline()
+            return Judge(analysis).diagnosis(), analysis
+        elif (unclear := judge.unclear()) is not None:
             analysis = replace(analysis, fit=judge.without[unclear][0])
         else:
             return judge.diagnosis(), analysis
@@ -216,19 +214,17 @@ class Judge:
             return False
         plain = self.regression.residual(self.base)[self.regression.rows]
         left = float(np.mean(self.after**2)) / float(np.mean(plain**2))
-        if self._causes_of_model and left > _MUCH_LEFT and not self._may_be_noise():
+        much = self._causes_of_model and left > _MUCH_LEFT
+        # where the noise is unknown, what may be noise forgets itself
+        if much and not (self._noise_is_known or self._predicted_share < _REMEMBERED):
             return True
-        noise_n = max(_TIMES_THE_NOISE * (self.floor_n or np.inf), _OF_FORCE * self.force_n)
+        noise_n = max(MOST_TIMES_THE_NOISE * (self.floor_n or np.inf), _OF_FORCE * self.force_n)
         return self.residual_n > noise_n or self._structured_share() * left > _STRUCTURE
 
     @property
     def _noise_is_known(self) -> bool:
         floor = self.analysis.floor
         return floor is not None and floor.slope <= _KNOWN_SLOPE
-
-    def _may_be_noise(self) -> bool:
-        """True if the noise floor is known; where it is not, if what is left forgets itself as noise does."""
-        return self._noise_is_known or self._predicted_share < _REMEMBERED
 
     @cached_property
     def _left_over(self) -> Leftover:

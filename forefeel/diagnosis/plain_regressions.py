@@ -17,6 +17,8 @@ from forefeel.diagnosis.signals import Signals
 from forefeel.diagnosis.verdict import Family, Look
 
 FAMILIES: tuple[Family, ...] = "friction", "relaxation", "stiffening"
+_PLAIN: tuple[tuple[str, ...], ...] = ("base",), ("base", "away")
+"""Families of mass, damper and a spring that resists, and with one that pushes away, too."""
 _BLOCKS = 8
 _RIDGE = 1e-9
 _SLOW = 0.05  # of the speed's power: half of the frequency below which it lies is slower than the strokes
@@ -40,7 +42,7 @@ def look(signals: Signals, motion: MotionGrid) -> Look:
     slow_hz, gain = _high_pass(signals)
     whole, band = _Band(signals, columns, 1.0), _Band(signals, columns, gain)
     sense, away = _direction(band, whole)
-    plain = ("base", "away") if away else ("base",)
+    plain = _PLAIN[away]
     springs, best = [], -np.inf
     family: Family | None = None
     most = _SEEN
@@ -81,7 +83,7 @@ def strokes(signals: Signals, motion: MotionGrid, look: Look) -> tuple[Floats, F
     columns, gain = _columns(signals, motion), _high_pass(signals)[1]
     band, family, sense = _Band(signals, columns, gain), look.family, look.sense
     beside = FAMILIES if family is None else (family,)
-    plain = ("base", "away") if look.pushes_away else ("base",)
+    plain = _PLAIN[look.pushes_away]
     families = {"mass, damper, spring": plain, f"with {family or 'all three'}": (*plain, *beside)}
     position = signals.column(signals.linear_spectrum(0) * gain)[signals.rows]
     return position, band.force, {name: band.predicted(used, sense) for name, used in families.items()}

@@ -369,10 +369,8 @@ class Search(Refiner):
         if not best.model:
             return best
         starts = 1 if enough_n is not None and self.plain_rms(best) < enough_n else _STARTS
-        force_n, look = (
-            float(np.std(self.regression.signals.force[self.regression.rows])),
-            self.regression.look,
-        )
+        look = self.regression.look
+        force_n = float(np.std(self.regression.signals.force[self.regression.rows]))
         missed = 1.0 - look.explained < _MISSED * (self.plain_rms(best) / force_n) ** 2
         family = _FAMILIES[look.family] if missed and look.family else frozenset[str]()
         empty = self.fit({})

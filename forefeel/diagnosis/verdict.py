@@ -18,6 +18,8 @@ VerdictName = Literal[
     "not_driven_by_this_axis",
     "unexplained",
 ]
+MOST_TIMES_THE_NOISE = 3.0
+"""Times the noise that a simulation which is complete leaves at most."""
 NAMING: frozenset[VerdictName] = frozenset({"cause_found", "partly_explained"})
 """Verdicts that name causes."""
 Family = Literal["friction", "relaxation", "stiffening"]
@@ -202,6 +204,11 @@ class Diagnosis:
     @property
     def names_causes(self) -> bool:
         return self.verdict in NAMING
+
+    @property
+    def has_a_model(self) -> bool:
+        """True where causes are named, or no sign of any was found: its model can be held against others."""
+        return bool(self.causes) or self.verdict in {"nothing_missing", "nothing_found"}
 
     def to_mapping(self) -> dict[str, object]:
         return {"schema": SCHEMA, **asdict(self)}

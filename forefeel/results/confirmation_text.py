@@ -15,7 +15,7 @@ _CAUTIONS = {
 def confirmation_lines(confirmation: Confirmation, diagnosis: Diagnosis) -> list[tuple[str, str]]:
     """Label and text of each line; no label: it goes on."""
     c, name = confirmation, printable(confirmation.recording)
-    if not diagnosis.causes and diagnosis.verdict not in {"nothing_missing", "nothing_found"}:
+    if not diagnosis.has_a_model:
         return [("Not told", f"{name}: no cause was named that it could confirm")]
     off = f"off by {quantity(c.left_n, 'N')} rms, {c.ratio:.2g} times what is to be expected"
     label, text = {

@@ -70,10 +70,8 @@ def run_diagnosis(
         answer(*result.lines, where, document=lambda: result.texts[JSON])
         if task.page:
             draw(page, name, out, written)
-        if (
-            result.diagnosis.verdict in {"cause_found", "partly_explained", "nothing_missing"}
-            and task.axis is None
-        ):
+        diagnosis = result.diagnosis
+        if (diagnosis.names_causes or diagnosis.verdict == "nothing_missing") and task.axis is None:
             suggest("evaluate", first, *beside, model=out / MODEL, out=out, **asdict(task.columns))
 
 

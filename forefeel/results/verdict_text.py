@@ -7,7 +7,15 @@ from forefeel.common.causes.catalogue import equation as cause_equation
 from forefeel.common.events.console import printable
 from forefeel.common.events.text import quantity, units_of
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.verdict import Cause, Diagnosis, ExpectedGain, HeldOut, Look, NextMotion
+from forefeel.diagnosis.verdict import (
+    MOST_TIMES_THE_NOISE,
+    Cause,
+    Diagnosis,
+    ExpectedGain,
+    HeldOut,
+    Look,
+    NextMotion,
+)
 from forefeel.report.wording import DISCLAIMER, plain_value, shown, split_unit
 
 if TYPE_CHECKING:
@@ -265,9 +273,9 @@ def _model(diagnosis: Diagnosis) -> list[str]:
 
 
 def _times_the_noise(diagnosis: Diagnosis) -> list[str]:
-    """Caution where causes are named and more than three times the noise is left."""
+    """Caution where causes are named and more is left than three times the noise."""
     floor_n, left_n = diagnosis.noise_floor_n, diagnosis.held_out.rmse_after_n
-    if not diagnosis.names_causes or not floor_n or left_n < 3.0 * floor_n:
+    if not diagnosis.names_causes or not floor_n or left_n < MOST_TIMES_THE_NOISE * floor_n:
         return []
     return [f"{left_n / floor_n:.0f} times the noise are left: something is missing beside what is named"]
 
