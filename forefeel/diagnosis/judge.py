@@ -80,7 +80,10 @@ def judged(analysis: Analysis) -> tuple[Diagnosis, Analysis]:
     """
     while True:
         judge = Judge(analysis)
-        if (doubted := judge.doubted()) is not None:
+        doubted = judge.doubted()
+        if doubted == "bias":  # the simulation has one, too: it stays open to what is searched for later
+            analysis = replace(analysis, fit=judge.without[doubted][0])
+        elif doubted is not None:
             analysis = analysis.without(doubted)
         elif judge.slow:
             analysis = analysis.baseline()

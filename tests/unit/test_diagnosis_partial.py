@@ -5,6 +5,7 @@ import pytest
 
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import diagnose
+from forefeel.diagnosis.judge import Judge
 from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.results.verdict_text import answer
 from tests.unit.evaluation_samples import Floats
@@ -78,3 +79,13 @@ def test_what_would_have_shown_is_named_above_that_size_and_not_far_below() -> N
     above = found_in(t, x, 1.5 * least_n * np.sign(v))
     assert [cause.name for cause in above.causes] == ["coulomb_friction"]
     assert found_in(t, x, 0.4 * least_n * np.sign(v)).causes == ()
+
+
+def test_a_bias_that_is_dropped_stays_open_to_what_is_searched_for_later(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Friction in proportion to a load takes a weight for itself; without it the weight may come back."""
+    t, x, v = strokes()
+    doubts = iter(["bias", "coulomb_friction"])
+    monkeypatch.setattr(Judge, "doubted", lambda _: next(doubts, None))
+    assert "bias" in diagnose(recorded(t, x, 0.5 + 0.12 * np.sign(v))).analysis.search.names

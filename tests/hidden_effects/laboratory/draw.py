@@ -22,6 +22,7 @@ WORLDS: dict[str, Callable[[Rng], World]] = {
     "outside": machines.outside,
 }
 KINDS = tuple(WORLDS)
+_LATE = "time_delay"
 _LEAST = 0.003  # share of the force below which a part is no part of the truth
 _LINEAR = (("time_s", "position_mm", "force_N"), ("Time (s)", "Displacement (mm)", "Load (N)"),
            ("time_s", "displacement_mm", "load_N"), ("Time [s]", "Position [m]", "Force [N]"))  # fmt: skip
@@ -37,7 +38,8 @@ def draw(kind: str, seed: int) -> Recorded:
     headers = _ROTARY if world.angular else _LINEAR
     header = headers[int(rng.integers(len(headers)))]
     runs = _Bench(rng, world, clean_n)
-    truth = _truth(kind, seed, world, clean_n)
+    parts = {_LATE: runs.lateness(), **world.parts[0]}
+    truth = _truth(kind, seed, world, parts, clean_n)
     (first, first_clean), (second, second_clean) = (runs.recorded(rng, rest, run) for run in (0, 1))
     beside = Recorded(*second, header, second_clean, None, truth)
     return Recorded(*first, header, first_clean, beside, truth)
@@ -48,11 +50,17 @@ class _Bench:
 
     def __init__(self, rng: Rng, world: World, clean_n: float) -> None:
         self._world, self._clean_n = world, clean_n
-        self._late = rng.uniform(0.0, 0.5) if rng.random() < 0.4 else 0.0  # samples, of the force
+        late = rng.uniform(0.0, 0.5) if rng.random() < 0.4 else 0.0
+        self._late = 0.0 if _LATE in world.parts[0] else late  # samples, of the force
         self._jitter = rng.uniform(0.02, 0.3) if rng.random() < 0.4 else 0.0  # samples
         self._stamped = bool(rng.random() < 0.5)  # whether the stamps tell it
         self._digits = clean_n * log_uniform(rng, 1e-4, 5e-3)  # step of the force in the file
         self._tare_n = clean_n * rng.normal() * (rng.random() < 0.5)
+
+    def lateness(self) -> Array:
+        """What the force of the first motion changes by as it is read late: a cause like any other."""
+        m, force = self._world.motions[0], _total(self._world.parts[0])
+        return np.asarray(np.interp(m.t - self._late / self._world.rate_hz, m.t, force) - force)
 
     def recorded(self, rng: Rng, rest: Rest, run: int) -> tuple[tuple[Array, Array, Array], Array]:
         """Stamps, position and force as in the file; and the clean force at the true instants."""
@@ -61,7 +69,7 @@ class _Bench:
         nominal = m.t[::OVER]
         at = nominal + self._jitter * step_s * np.clip(rng.normal(size=len(nominal)), -1.5, 1.5) / 3.0
         stamps = np.round(at if self._stamped else nominal, 6)
-        force = np.asarray(sum(world.parts[run].values()))
+        force = _total(world.parts[run])
         extra = world.rest * self._clean_n * rest.along(rng, m) if world.rest else np.zeros_like(force)
         late = np.clip(at - self._late * step_s, m.t[0], m.t[-1])
         read = np.interp(late, m.t, force + extra) + self._tare_n * (1.0 + 0.3 * run)
@@ -72,8 +80,8 @@ class _Bench:
         return (stamps, x, read), world.sense * np.interp(at, m.t, force)
 
 
-def _truth(kind: str, seed: int, world: World, clean_n: float) -> Truth:
-    m, parts = world.motions[0], world.parts[0]
+def _truth(kind: str, seed: int, world: World, parts: Parts, clean_n: float) -> Truth:
+    m = world.motions[0]
     shares = {name: _missed(m, part) / clean_n for name, part in parts.items() if name}
     named = [(n, share) for n, share in shares.items() if share > _LEAST and n != "outside"]
     return Truth(

@@ -11,6 +11,7 @@ NAMED = ("cause_found", "partly_explained")
 EMPTY = ("nothing_found", "nothing_missing", "not_driven_by_this_axis")
 _HIDDEN = 0.03  # share of the force that no statement of completeness may pass over
 _MINOR = 0.1  # share of the gain up to which a wrong name beside right ones is no falsehood
+_SMALL = 0.01  # share of the force up to which an unnamed effect leaves the other parameters alone
 _ABOVE = 3.0  # times noise and rest together, above which an effect has to be named
 _ALIKE = (
     ("coulomb_friction", "stribeck_friction", "presliding_hysteresis"),
@@ -102,12 +103,16 @@ def accepted(truth: Mapping[str, Any]) -> set[str]:
 
 
 def covered(one: Judged) -> list[bool]:
-    """Whether the interval of each comparable parameter, of causes named as they are, holds it."""
+    """Whether the interval of each comparable parameter, of causes named as they are, holds it; those of
+    mass, damper and spring where every effect is named.
+    """
     intervals = {
         (c["name"], key): each for c in one.answer["causes"] for key, each in c["parameters"].items()
     }
     wanted = {(name, key): value for name, key, value in one.truth["parameters"]}
-    if one.found == "right" and one.answer["verdict"] in NAMED:
+    named = {name for cause in one.answer["causes"] for name in alike(cause["name"])}
+    complete = all(name in named for name, share in one.truth["names"] if share > _SMALL)
+    if complete and one.found == "right" and one.answer["verdict"] in NAMED:
         intervals |= {("", key): each for key, each in one.answer["base"].items()}
         wanted |= {("", key): one.truth[name] for key, name in _LINEAR.items() if one.truth[name] is not None}
     return [bool(intervals[at][1] <= v <= intervals[at][2]) for at, v in wanted.items() if at in intervals]
