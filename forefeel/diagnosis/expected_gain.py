@@ -36,9 +36,10 @@ _SLOWER, _QUICKER, _SMALLER = (0.25, 0.5), (1.5, 2.5), (0.3, 0.6)
 """Of the recorded speed, and of its stroke."""
 _DRAWS = 200  # of each motion
 _MISFIT = 0.7  # standard deviation of the logarithm of how much of the misfit another motion shows
-_UNSURE = 0.8
+_UNSURE = 0.7
 """Standard deviation of the logarithm of 1 - g that draws of parameters do not have: what a model that is
-only nearly right adds. Chosen by: python -m tests.hidden_effects.bench --other-motion --population known play
+only nearly right adds. Of 114 recordings of tests.hidden_effects.laboratory the other motion lay within the
+interval in 87 at .5, and in 98 at .7; below it in 13 and 6.
 """
 
 
