@@ -1,4 +1,4 @@
-"""Three minutes at 1 kHz of what an operating room does to an estimator: standstill, sine, other tissue, NaN.
+"""A minute and a half at 1 kHz of what an operating room does to an estimator: standstill, sine, other tissue, NaN.
 
 The contact here imports nothing of ours: a spring, damper and mass with smooth friction and a bias, in numpy.
 """
@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 RATE_HZ = 1000
 DELAY = 300  # samples
-PART = 30 * RATE_HZ
+PART = 15 * RATE_HZ
 STILL, SINE, TISSUE, NANS, END = (parts * PART for parts in (1, 2, 3, 4, 6))
 """Where each part begins: standstill, pure sine, another tissue, NaN bursts. Multi-sine everywhere else."""
 

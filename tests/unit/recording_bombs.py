@@ -104,7 +104,7 @@ def _parquet(column: Callable[[], Any]) -> Callable[[Path], None]:
 def _row_groups(path: Path) -> None:
     batch = pa.table(dict.fromkeys(_NAMES, _zeros(2**20)))
     with pq.ParquetWriter(path, batch.schema, compression="zstd") as writer:
-        for _ in range(64):
+        for _ in range(16):
             writer.write_table(batch)
 
 
@@ -115,12 +115,12 @@ def _zeros(count: int) -> Any:  # noqa: ANN401 - of pyarrow
 
 
 def _list() -> Any:  # noqa: ANN401 - of pyarrow
-    return pa.ListArray.from_arrays(pa.array([0, 2**25], pa.int32()), _zeros(2**25))
+    return pa.ListArray.from_arrays(pa.array([0, 2**24], pa.int32()), _zeros(2**24))
 
 
 def _texts() -> Any:  # noqa: ANN401 - of pyarrow
     dictionary = pa.array(["1" * 10**6])
-    return pa.DictionaryArray.from_arrays(pa.array(np.zeros(2000, np.int32)), dictionary)
+    return pa.DictionaryArray.from_arrays(pa.array(np.zeros(200, np.int32)), dictionary)
 
 
 def _hdf5(layout: dict[str, tuple[int | None, ...]], packed: bytes = b"") -> Callable[[Path], None]:
@@ -162,7 +162,7 @@ BOMBS: dict[str, tuple[Callable[[Path], None], str]] = {
     "zeros.mat": (_matlab(_matrix(6, (2**24, 1), _element(9, bytes(2**27)))), _UNPACKED),
     "bytes.mat": (_matlab(_matrix(6, (2**24, 1), _element(2, bytes(2**24)))), _UNPACKED),
     "cells.mat": (_matlab(_matrix(1, (20_000, 20_000), b"")), _UNPACKED),
-    "zeros.parquet": (_row_groups, f"column 'time_s': {2**29} {_UNPACKED}"),
+    "zeros.parquet": (_row_groups, f"column 'time_s': {2**27} {_UNPACKED}"),
     "list.parquet": (_parquet(_list), _UNPACKED),
     "struct.parquet": (_parquet(lambda: pa.StructArray.from_arrays([_list()], ["a"])), "no time"),
     "texts.parquet": (_parquet(lambda: _texts().cast(pa.string())), "expected at least 2"),
