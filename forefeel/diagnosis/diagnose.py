@@ -12,10 +12,8 @@ from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis, Progress, analyse
-from forefeel.diagnosis.closed_loop import FLAG as FEEDS_THE_MOTION
-from forefeel.diagnosis.closed_loop import feeds_the_motion
 from forefeel.diagnosis.expected_gain import with_expectation
-from forefeel.diagnosis.judge import SLOW, judged
+from forefeel.diagnosis.judge import judged
 from forefeel.diagnosis.long_recording import FLAG, analyse_long, is_long
 from forefeel.diagnosis.residual import predictable_share
 from forefeel.diagnosis.standard_tests import diagnosed_hold, diagnosed_step
@@ -65,8 +63,8 @@ def diagnose(
 
 def _diagnosed(recordings: list[Recording], progress: Progress, given: ContactModel | None) -> Diagnosed:
     """Diagnoses a step response or a ramp and hold by its own method; all others, and several recordings
-    joined, by the search, long ones on stretches. Adds the flags of gaps, of length and of a force that
-    drives the motion; takes `given`, if any, as the baseline. Raises RecordingError: see `diagnose`.
+    joined, by the search, long ones on stretches. Adds the flags of gaps and of length; takes `given`, if
+    any, as the baseline. Raises RecordingError: see `diagnose`.
     """
     recording, parts_s = _joined(recordings)
     simple = None if parts_s else diagnosed_step(recording) or diagnosed_hold(recording)
@@ -78,12 +76,7 @@ def _diagnosed(recordings: list[Recording], progress: Progress, given: ContactMo
         simple = _weighed(analysis, progress)
     diagnosis, analysis = simple
     gaps = any(len(one.segments()) > 1 for one in recordings)
-    flags = _flags(diagnosis.flags, gaps, long)
-    if SLOW not in flags and feeds_the_motion(
-        analysis.recording, analysis.cleaned.force_n, analysis.regression, analysis.fit
-    ):
-        flags = (*flags, FEEDS_THE_MOTION)
-    diagnosis = replace(diagnosis, flags=flags)
+    diagnosis = replace(diagnosis, flags=_flags(diagnosis.flags, gaps, long))
     if given is not None:
         diagnosis = _with_baseline(diagnosis, analysis, given)
     return Diagnosed(diagnosis, analysis, recording)

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from forefeel.diagnosis.prediction import Across
 
 FLAGS = {
-    "motion_driven_by_force": "the force feeds the motion, so trust mass, damping, delay and lag less",
     "non_uniform": "the samples are unevenly spaced, so fast effects are less certain",
     "gaps": "the recording has gaps; nothing was assumed about what happened in them",
     "clipped": "where the force stood at the end of its range it was left out",

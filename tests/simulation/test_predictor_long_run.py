@@ -1,4 +1,4 @@
-"""A minute and a half at 1 kHz of what an operating room does to an estimator: standstill, sine, other tissue, NaN.
+"""90 s at 1 kHz of what an operating room does to an estimator: standstill, sine, other tissue, NaN.
 
 The contact here imports nothing of ours: a spring, damper and mass with smooth friction and a bias, in numpy.
 """
