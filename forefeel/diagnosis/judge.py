@@ -222,7 +222,10 @@ class Judge:
         if much and not (self._noise_is_known or self._predicted_share < _REMEMBERED):
             return True
         noise_n = max(MOST_TIMES_THE_NOISE * (self.floor_n or np.inf), _OF_FORCE * self.force_n)
-        return self.residual_n > noise_n or self._structured_share() * left > _STRUCTURE
+        if self.residual_n > noise_n or self._structured_share() * left > _STRUCTURE:
+            return True
+        matters = not self._noise_is_known and self.residual_n > _OF_FORCE_UNKNOWN * self.force_n
+        return matters and self._predicted_share > _FORETOLD_UNKNOWN
 
     @property
     def _noise_is_known(self) -> bool:

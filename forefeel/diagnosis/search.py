@@ -431,13 +431,11 @@ class Search(Refiner):
         return CANDIDATES[name].grid(self.regression.extent)
 
     def _forward(self, fit: ModelFit) -> ModelFit | None:
-        """Best refined fit with one more cause, beside three only a bias; None if none is worth it. Costly
-        causes (many shapes) only beside at most a bias, and if more than noise is left.
+        """Best refined fit with one more cause; None if none is worth it. Costly causes (many shapes) only
+        beside at most a bias, and if more than noise is left.
         """
-        full = len(set(fit.model) - {"bias"}) >= MOST_CAUSES
-        open_names = [name for name in self.names if not full or name == "bias"]
-        best = self._best_of(fit, [name for name in open_names if not CANDIDATES[name].costly])
-        if not full and self._leaves_more_than_noise(best or fit):
+        best = self._best_of(fit, [name for name in self.names if not CANDIDATES[name].costly])
+        if self._leaves_more_than_noise(best or fit):
             costly = self._best_of(fit, [name for name in self._worth_trying(fit) if CANDIDATES[name].costly])
             trials = (trial for trial in (best, costly) if trial)
             best = min(trials, key=lambda trial: trial.score, default=None)
@@ -469,8 +467,11 @@ class Search(Refiner):
         return self.plain_rms(fit) > _MORE_THAN_NOISE * self.noise_n
 
     def open_to(self, fit: ModelFit, name: str) -> bool:
-        """True if neither a form of that name nor another description of the same contact is in the model."""
-        return kin(name) not in map(kin, fit.model)
+        """True if neither a form of that name nor another description of the same contact is in the model,
+        nor three causes; a bias is open beside these, too.
+        """
+        full = name != "bias" and len(set(fit.model) - {"bias"}) >= MOST_CAUSES
+        return not full and kin(name) not in map(kin, fit.model)
 
     def worth(self, more: ModelFit, less: ModelFit) -> bool:
         """True if the larger model's score is better by enough, and the residual's rms, whitened or plain,
