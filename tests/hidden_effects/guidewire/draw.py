@@ -42,11 +42,10 @@ def _hidden(rng: Rng, kind: str, seed: int) -> list[Make]:
         return [singles[seed % len(singles)]]
     if kind == "nothing":
         return []
-    groups = (effects.FRICTION, effects.TIP, effects.PATIENT, effects.DRIVE, effects.COLUMN, effects.CELL)
-    weights = np.array([group.weight for group in groups])
+    weights = np.array([weight for weight, _ in effects.GROUPS])
     count = int(rng.choice([2, 3], p=[0.6, 0.4]))
-    at = sorted(rng.choice(len(groups), count, replace=False, p=weights / np.sum(weights)))
-    makes = [groups[i].makes[int(rng.integers(len(groups[i].makes)))] for i in at]
+    at = sorted(rng.choice(len(weights), count, replace=False, p=weights / np.sum(weights)))
+    makes = [makes[int(rng.integers(len(makes)))] for makes in (effects.GROUPS[i][1] for i in at)]
     if makes[0] in (effects.rubbing, effects.path) and effects.living in makes and rng.random() < 0.4:
         makes[makes.index(effects.living)] = effects.living_on_friction
     return makes
@@ -61,21 +60,22 @@ def _world(rng: Rng, makes: list[Make], outside: bool) -> World | None:
     sizes = _sizes(rng, bare, hidden, coarse, _ABOVE * noise_n / scene.force_n)
     if sizes is None or not _enough(_parts(bare, hidden, sizes, coarse), coarse.m, 1, noise_n):
         return None
-    runs, parts = (run, happening(hidden, rng, second)), _parts(bare, hidden, sizes, run)
+    parts = _parts(bare, hidden, sizes, run)
     if not _enough(parts, scene.m, over, noise_n):
         return None
+    there = happening(hidden, rng, second)
     clean_n = std(_total(parts))
     exact = [(e.name, key, value) for e, size in zip(hidden, sizes, strict=True)
              for key, value in e.parameters(size).items()]  # fmt: skip
     return World(
         f"{words}: {', '.join(make.__name__ for make in makes) or 'nothing'}", rate_hz, (scene.m, second),
-        (parts, {"": force(_wire(bare, hidden, sizes), runs[1])}), noise_n / clean_n,
+        (parts, {"": force(_wire(bare, hidden, sizes), there)}), noise_n / clean_n,
         log_uniform(rng, 0.002, 0.02),
         log_uniform(rng, 0.03e-6, 80e-6), sense=sense_of(rng),
         allowed=tuple(dict.fromkeys(name for effect in hidden for name in effect.allowed)), outside=outside,
         base=(bare.mass_kg, bare.damping_n_s_m, bare.stiffness_n_m),
         parameters=tuple(exact), over=over, lost=log_uniform(rng, 1e-4, 0.02) if rng.random() < 0.5 else 0.0,
-        timed=_TIMED, late=_late(parts, scene.m, 1.0 / rate_hz), further=(runs[0].further, runs[1].further),
+        timed=_TIMED, late=_late(parts, scene.m, 1.0 / rate_hz), further=(run.further, there.further),
     )  # fmt: skip
 
 

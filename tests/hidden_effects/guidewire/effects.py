@@ -1,7 +1,7 @@
 """What is hidden in a guidewire's recording: each effect as a change of the wire, of a size to be chosen."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import pi
 
 import numpy as np
@@ -389,22 +389,15 @@ def outside(rng: Rng, scene: Scene) -> Effect:
 
 
 Make = Callable[[Rng, Scene], Effect]
-
-
-@dataclass(frozen=True)
-class Choice:
-    """Effects of which at most one is in a mixture."""
-
-    makes: tuple[Make, ...]
-    weight: float = field(default=1.0)
-
-
-FRICTION = Choice((rubbing, path, path, capstan), 2.0)
-TIP = Choice((stiffening, wall, relaxing, hunt, puncture, yielding, prolapse), 1.3)
-PATIENT = Choice((steady_heart, living, living))
-DRIVE = Choice((play, cogging, asymmetric, slip, buckling))
-COLUMN = Choice((roll, cross_talk), 0.6)
-CELL = Choice((drift, settling, lag, mode), 0.7)
+# of each group at most one is in a mixture, as often as its weight says
+GROUPS: tuple[tuple[float, tuple[Make, ...]], ...] = (
+    (2.0, (rubbing, path, path, capstan)),
+    (1.3, (stiffening, wall, relaxing, hunt, puncture, yielding, prolapse)),
+    (1.0, (steady_heart, living, living)),
+    (1.0, (play, cogging, asymmetric, slip, buckling)),
+    (0.6, (roll, cross_talk)),
+    (0.7, (drift, settling, lag, mode)),
+)
 KNOWN: tuple[Make, ...] = (
     path, coulomb, wall, path, stribeck, capstan, presliding, stiffening, path, relaxing, play, hunt, path,
     steady_heart, asymmetric, cogging, path, puncture, mode, drift, capstan, lag, hum, path,

@@ -65,7 +65,8 @@ def _abstained(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> str:
         return "right" if answer["verdict"] == "unexplained" or rival else "partly"
     rest = np.hypot(truth["left_n"], truth["noise_n"])
     largest = truth["names"][0][1] * truth["force_n"] if truth["names"] else 0.0
-    return "timid" if largest > _ABOVE * rest or truth["kind"] in _BARE else "honest"
+    bare = truth["kind"] in _BARE and truth["left_n"] <= truth["noise_n"]
+    return "timid" if largest > _ABOVE * rest or bare else "honest"
 
 
 def _named(
