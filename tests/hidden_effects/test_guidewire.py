@@ -62,6 +62,8 @@ def test_friction_along_the_path_grows_with_the_inserted_length() -> None:
     linear = 0.02 + 8.0 * (m.x - 5e-3)
     assert np.allclose(total[way_in], linear[way_in], rtol=0.02)
     assert np.allclose(total[way_out], -linear[way_out], rtol=0.02)
+    bend = force(replace(_BARE, stiffness_n_m=0.0, rubs=(Rub(0.0, 8.0, 1e-3, 0.01, 0.015),)), Run(m))
+    assert np.allclose(bend[way_in], 8.0 * np.minimum(m.x - 0.01, 0.015)[way_in], rtol=0.02)
 
 
 def test_a_bend_multiplies_the_tip_as_euler_and_eytelwein_say() -> None:

@@ -70,7 +70,7 @@ def _world(rng: Rng, makes: list[Make], outside: bool) -> World | None:
     return World(
         f"{words}: {', '.join(make.__name__ for make in makes) or 'nothing'}", rate_hz, (scene.m, second),
         (parts, {"": force(_wire(bare, hidden, sizes), there)}), noise_n / clean_n,
-        log_uniform(rng, 0.002, 0.02),
+        rng.uniform(0.0, 0.02),
         log_uniform(rng, 0.03e-6, 80e-6), sense=sense_of(rng),
         allowed=tuple(dict.fromkeys(name for effect in hidden for name in effect.allowed)), outside=outside,
         base=(bare.mass_kg, bare.damping_n_s_m, bare.stiffness_n_m),

@@ -108,25 +108,25 @@ def presliding(rng: Rng, scene: Scene) -> Effect:
 
 
 def path(rng: Rng, scene: Scene) -> Effect:
-    """Rod in a bent path: mu N' per inserted length, elements along it that let go one after the other."""
-    count = int(rng.integers(1, 9))
+    """Rod in a path, mu N' per inserted length: all along a lumen, or in the bends as the tip comes to them.
+
+    Its elements let go one after the other, the farther the later.
+    """
+    bends, count = bool(rng.random() < 0.6), int(rng.integers(2, 9))
     lengths = scene.travel_m * log_uniform(rng, 0.002, 0.08) * np.geomspace(0.15, 3.0, count)
     shares, before_m = rng.dirichlet([2.0] * count), scene.travel_m * log_uniform(rng, 0.02, 2.0)
+    begins = np.sort(rng.uniform(0.0, 0.8, count)) * scene.travel_m * bends
+    arcs = scene.travel_m * rng.uniform(0.05, 0.3, count) if bends else np.full(count, np.inf)
+    wrap = rng.uniform(0.1, 0.3) * rng.uniform(0.3, 2.0) / scene.travel_m * bends  # mu theta, over the travel
 
     def wire(w: Wire, s: float) -> Wire:
-        per_m = s * scene.force_n / scene.travel_m
-        rubs = [
-            Rub(share * per_m * before_m, share * per_m, length)
-            for share, length in zip(shares, lengths, strict=True)
-        ]
-        return replace(w, rubs=(*w.rubs, *rubs))
+        per_m = s * scene.force_n / scene.travel_m * (4.0 if bends else 1.0)
+        each = zip(shares, lengths, begins, arcs, strict=True)
+        rubs = [Rub(share * per_m * before_m, share * per_m, *at) for share, *at in each]
+        return replace(w, rubs=(*w.rubs, *rubs), wrap=(0.0, wrap))
 
-    exact = (
-        {"force_per_length_n_m": scene.force_n / scene.travel_m} if before_m < 0.05 * scene.travel_m else {}
-    )
     return Effect(
         "position_dependent_friction", (0.02, 5.0), wire,
-        parameters=lambda s: {key: s * value for key, value in exact.items()},
         allowed=("capstan", *(RUBS if before_m > 0.5 * scene.travel_m else ())),
     )  # fmt: skip
 
@@ -149,21 +149,33 @@ def stiffening(rng: Rng, scene: Scene) -> Effect:
 
 
 def wall(rng: Rng, scene: Scene) -> Effect:
-    """A vessel's wall that begins at a place."""
+    """A vessel's wall that begins at a place, its stiffness over a toe."""
+    toe_m = scene.travel_m * log_uniform(rng, 0.005, 0.15)
 
     def place_m(s: float) -> float:
         return scene.home_m + s * scene.travel_m
 
-    return Effect("contact_loss", (0.03, 0.75), lambda w, s: replace(w, rest_m=place_m(s), one_sided=True),
-                  parameters=lambda s: {"contact_position_m": place_m(s)})  # fmt: skip
+    def parameters(s: float) -> dict[str, float]:
+        return {"contact_position_m": place_m(s)} if toe_m < 0.02 * scene.travel_m else {}
+
+    return Effect(
+        "contact_loss", (0.03, 0.75), parameters=parameters,
+        wire=lambda w, s: replace(w, rest_m=place_m(s), one_sided=True, toe_m=toe_m),
+    )  # fmt: skip
 
 
 def relaxing(rng: Rng, scene: Scene) -> Effect:
-    tau_s = log_uniform(rng, 0.2, 8.0)
-    return Effect("stress_relaxation", (0.05, 10.0),
-                  lambda w, s: replace(w, branch=(s * scene.force_n / std(scene.m.x), tau_s)),
-                  parameters=lambda s: {"stiffness_n_m": s * scene.force_n / std(scene.m.x),
-                                        "time_constant_s": tau_s})  # fmt: skip
+    """Tissue has a spectrum of times; a single one where it is a plain branch."""
+    tau_s, count, unit = log_uniform(rng, 0.2, 8.0), int(rng.integers(1, 5)), scene.force_n / std(scene.m.x)
+    taus = tau_s * np.geomspace(0.3, 3.0, count) if count > 1 else [tau_s]
+
+    def parameters(s: float) -> dict[str, float]:
+        return {"stiffness_n_m": s * unit, "time_constant_s": tau_s} if count == 1 else {}
+
+    return Effect(
+        "stress_relaxation", (0.05, 10.0), parameters=parameters,
+        wire=lambda w, s: replace(w, branches=tuple((s * unit / count, each) for each in taus)),
+    )  # fmt: skip
 
 
 def hunt(rng: Rng, scene: Scene) -> Effect:
@@ -189,12 +201,13 @@ def play(rng: Rng, scene: Scene) -> Effect:
 
 def cogging(rng: Rng, scene: Scene) -> Effect:
     """Of a screw or motor, on the stage."""
-    period_m, ratio = scene.travel_m / log_uniform(rng, 3.5, 18.0), rng.uniform(0.0, 0.5)
-    phases = rng.uniform(0.0, 2.0 * pi, 2)
+    period_m, ratios = scene.travel_m / log_uniform(rng, 3.5, 18.0), rng.uniform(0.0, 0.5, 3)
+    phases = rng.uniform(0.0, 2.0 * pi, 4)
 
     def unit(_: Rng, m: Motion, __: dict[str, Array]) -> Array:
-        p = 2.0 * pi * m.x / period_m
-        return scene.force_n * np.asarray(np.sin(p + phases[0]) + ratio * np.sin(2.0 * p + phases[1]))
+        p, sizes = 2.0 * pi * m.x / period_m, (1.0, *ratios)
+        waves = [size * np.sin((n + 1) * p + phases[n]) for n, size in enumerate(sizes)]
+        return scene.force_n * np.asarray(np.sum(waves, axis=0))
 
     return Effect("position_map", (0.03, 3.0), unit=unit, parameters=lambda _: {"period_m": period_m})
 

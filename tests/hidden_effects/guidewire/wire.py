@@ -23,11 +23,16 @@ _HOLDS_AGAIN = 0.25  # share of the limit under which a tip that folded over sta
 
 
 class Rub(NamedTuple):
-    """Jenkins element along the path: (level_n + growth_n_m inserted) z / length_m, |z| <= length_m."""
+    """Jenkins element along the path: (level_n + growth_n_m length within) z / length_m, |z| <= length_m.
+
+    Within is what is inserted beyond `begins_m`, `arc_m` at most: a bend.
+    """
 
     level_n: float
     growth_n_m: float
     length_m: float
+    begins_m: float = 0.0
+    arc_m: float = inf
 
 
 @dataclass(frozen=True)
@@ -38,7 +43,8 @@ class Wire:
         entry_m: stage's position at which nothing is inserted. rest_m: where tissue or wall are relaxed.
         one_sided: a wall, which begins at `rest_m` and does not pull, in place of tissue.
         ratio: of the stiffness from `change_s` on.
-        branch: Maxwell's (N/m, s). more_n_s_m2: damping per depth.
+        toe_m: depth over which a wall's stiffness comes. branches: Maxwell's (N/m, s).
+        more_n_s_m2: damping per depth.
         yield_n: elastic force above which the wall yields, `yields_back`: also when it is drawn.
         prolapse_n: tip's force at which it folds over, `kept`: share of the force that is left then.
         rubs: along the path. static: (ratio to the sliding friction, m/s). wrap: mu times angle, at the entry
@@ -55,9 +61,10 @@ class Wire:
     rest_m: float = 0.0
     one_sided: bool = False
     quadratic_n_m2: float = 0.0
+    toe_m: float = 0.0
     ratio: float = 1.0
     change_s: float = inf
-    branch: tuple[float, float] = (0.0, 1.0)
+    branches: tuple[tuple[float, float], ...] = ()
     more_n_s_m2: float = 0.0
     yield_n: float = inf
     yields_back: bool = False
@@ -141,10 +148,11 @@ def along(wire: Wire, m: Motion, wave: Array | None = None) -> tuple[Array, Arra
 
 def _tip(w: Wire, step_s: float) -> Callable[[float, float, float], float]:
     """Force of tissue or wall on the tip at a time, position and speed; to be asked step by step."""
-    plastic, relaxing = 0.0, 0.0
-    branch_n_m, tau_s = w.branch
-    decay = exp(-step_s / tau_s)
-    fill_s, relaxes, damps = tau_s * (1.0 - decay), branch_n_m > 0.0, w.more_n_s_m2
+    plastic, damps, toe_m = 0.0, w.more_n_s_m2, w.toe_m
+    # stiffness, decay, filling, stretch
+    branches = [
+        [n_m, exp(-step_s / tau_s), tau_s * (1.0 - exp(-step_s / tau_s)), 0.0] for n_m, tau_s in w.branches
+    ]
     soft, bent, rest_m, one_sided, change_s = (
         w.stiffness_n_m,
         w.quadratic_n_m2,
@@ -155,20 +163,24 @@ def _tip(w: Wire, step_s: float) -> Callable[[float, float, float], float]:
     most, least = w.yield_n, -w.yield_n if w.yields_back else -inf
 
     def at(now: float, y: float, v: float) -> float:
-        nonlocal plastic, relaxing
+        nonlocal plastic
         depth = y - rest_m - plastic
-        relaxing *= decay
         if one_sided and depth <= 0.0:
+            for branch in branches:
+                branch[3] *= branch[1]
             return 0.0
         stiffness = soft * w.ratio if now > change_s else soft
-        tip = depth * (stiffness + depth * bent)
+        pressed = (
+            depth if not toe_m else depth - 0.5 * toe_m if depth > toe_m else 0.5 * depth * depth / toe_m
+        )
+        tip = pressed * (stiffness + depth * bent)
         if not least <= tip <= most:
             kept = most if tip > most else least
             plastic += (tip - kept) / stiffness
             tip = kept
-        if relaxes:
-            relaxing += fill_s * v
-            tip += branch_n_m * relaxing
+        for branch in branches:
+            branch[3] = branch[1] * branch[3] + branch[2] * v
+            tip += branch[0] * branch[3]
         if damps and depth > 0.0:
             tip += damps * depth * v
         return 0.0 if one_sided and tip < 0.0 else tip
@@ -208,10 +220,13 @@ def _rub(w: Wire) -> Callable[[float, float, float], float]:
 
     def at(move: float, v: float, inserted: float) -> float:
         rub = 0.0
-        for i, (level, growth, length) in elements:
+        for i, (level, growth, length, begins, arc) in elements:
             to = z[i] + move
             z[i] = to = length if to > length else -length if to < -length else to
-            rub += (level + growth * inserted) * to / length
+            within = inserted - begins
+            if within > 0.0:
+                level += growth * (within if within < arc else arc)  # noqa: PLW2901
+            rub += level * to / length
         return rub * (1.0 + more * exp(-((v / stribeck_m_s) ** 2))) if more else rub
 
     return at
