@@ -135,9 +135,10 @@ def _stage(rng: Rng, makes: list[Make]) -> tuple[float, int, str, tuple[Scene, M
         return strokes(rng, t, (leg_s, spread * leg_s), rests, form == "operator", back)
 
     def motion() -> Motion:
-        x = 0.5 * travel_m * (path() + 1.0)
         shakes = tremor(rng, t, shakes_m) if form == "operator" and rate_hz > _SEEN_HZ else 0.0
-        return moved(t, home_m + x + shakes, 0.03 if form == "operator" else settles_s)
+        m = moved(t, 0.5 * travel_m * path() + shakes, 0.03 if form == "operator" else settles_s)
+        wide = travel_m / float(np.ptp(m.x))  # a drive follows a quick chirp by a part only
+        return Motion(t, home_m + wide * (m.x - np.min(m.x)), wide * m.v, wide * m.a)
 
     settles_s = log_uniform(rng, 0.05, 0.2)
     m, second = motion(), motion()
