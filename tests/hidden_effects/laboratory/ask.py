@@ -36,7 +36,7 @@ def answered(folder: Path, product: Path | None = None) -> dict[str, Any]:
     start = process_time()
     answer: dict[str, Any] = {"name": folder.name}
     try:
-        first = ff.load(folder / "a.csv")
+        first = _loaded(ff, folder / "a.csv")
         try:
             found = ff.diagnose(first)
         except ff.UnclearError as error:  # a rate or a force that is true
@@ -53,6 +53,15 @@ def answered(folder: Path, product: Path | None = None) -> dict[str, Any]:
             except Exception as error:  # noqa: BLE001
                 answer[f"{measure.__name__}_failed"] = f"{type(error).__name__}: {error}"
     return answer
+
+
+def _loaded(ff: Any, path: Path) -> Any:  # noqa: ANN401
+    """A recording; with further columns, of which one may be a force, too, says which are the stage's."""
+    with path.open() as file:
+        _, position, force, *further = file.readline().strip().split(",")
+    if not further:
+        return ff.load(path)
+    return ff.load(path, position=f"{'mm' if 'mm' in position else 'm'}:{position}", force=f"N:{force}")
 
 
 def _said(d: Any) -> dict[str, Any]:  # noqa: ANN401 - of one of several versions
@@ -94,7 +103,7 @@ def _plain(ff: Any, found: Any) -> Any:  # noqa: ANN401
 
 def _carried(ff: Any, found: Any, first: Any, folder: Path) -> dict[str, Any]:  # noqa: ANN401
     """Gain of the extended model over the simulation on the other motion, the bias of each set anew there."""
-    second, clean = ff.load(folder / "b.csv"), np.load(folder / "clean.npz")["b"]
+    second, clean = _loaded(ff, folder / "b.csv"), np.load(folder / "clean.npz")["b"]
     models = {"before": _plain(ff, found), "after": found.model}
     along = {name: [_along(m, run) for run in (first, second)] for name, m in models.items()}
     # a model counts resisting forces as positive; the recording may show the reaction

@@ -6,7 +6,7 @@ import numpy as np
 
 from tests.hidden_effects.laboratory import machines, materials
 from tests.hidden_effects.laboratory.forces import Rest, noise
-from tests.hidden_effects.laboratory.motion import OVER, Motion, Rng, log_uniform
+from tests.hidden_effects.laboratory.motion import Motion, Rng, log_uniform
 from tests.hidden_effects.laboratory.truth import Array, Recorded, Truth
 from tests.hidden_effects.laboratory.world import Parts, World
 
@@ -32,7 +32,11 @@ _ROTARY = (("time_s", "angle_rad", "torque_Nm"), ("Time (s)", "Angle (rad)", "To
 def draw(kind: str, seed: int) -> Recorded:
     """Recording of that kind, with its truth and a second motion of the same world."""
     rng = np.random.default_rng((KINDS.index(kind), seed))
-    world = WORLDS[kind](rng)
+    return recording(kind, seed, rng, WORLDS[kind](rng))
+
+
+def recording(kind: str, seed: int, rng: Rng, world: World) -> Recorded:
+    """What a bench records of a world, with its second motion."""
     clean_n = float(np.std(sum(world.parts[0].values())))
     rest = Rest(rng, float(np.ptp(world.motions[0].x)))
     headers = _ROTARY if world.angular else _LINEAR
@@ -40,9 +44,11 @@ def draw(kind: str, seed: int) -> Recorded:
     runs = _Bench(rng, world, clean_n)
     parts = {_LATE: runs.lateness(), **world.parts[0]}
     truth = _truth(kind, seed, world, parts, clean_n)
-    (first, first_clean), (second, second_clean) = (runs.recorded(rng, rest, run) for run in (0, 1))
-    beside = Recorded(*second, header, second_clean, None, truth)
-    return Recorded(*first, header, first_clean, beside, truth)
+    (first, clean, further), (second, second_clean, second_further) = (
+        runs.recorded(rng, rest, run) for run in (0, 1)
+    )
+    beside = Recorded(*second, header, second_clean, None, truth, second_further)
+    return Recorded(*first, header, clean, beside, truth, further)
 
 
 class _Bench:
@@ -50,7 +56,7 @@ class _Bench:
 
     def __init__(self, rng: Rng, world: World, clean_n: float) -> None:
         self._world, self._clean_n = world, clean_n
-        late = rng.uniform(0.0, 0.5) if rng.random() < 0.4 else 0.0
+        late = rng.uniform(0.0, world.late) if rng.random() < 0.4 else 0.0
         self._late = 0.0 if _LATE in world.parts[0] else late  # samples, of the force
         self._jitter = rng.uniform(0.02, 0.3) if rng.random() < 0.4 else 0.0  # samples
         self._stamped = bool(rng.random() < 0.5)  # whether the stamps tell it
@@ -59,14 +65,19 @@ class _Bench:
 
     def lateness(self) -> Array:
         """What the force of the first motion changes by as it is read late: a cause like any other."""
-        m, force = self._world.motions[0], _total(self._world.parts[0])
+        m, parts = self._world.motions[0], self._world.parts[0]
+        force = _total({name: part for name, part in parts.items() if name not in self._world.timed})
         return np.asarray(np.interp(m.t - self._late / self._world.rate_hz, m.t, force) - force)
 
-    def recorded(self, rng: Rng, rest: Rest, run: int) -> tuple[tuple[Array, Array, Array], Array]:
-        """Stamps, position and force as in the file; and the clean force at the true instants."""
+    def recorded(
+        self, rng: Rng, rest: Rest, run: int
+    ) -> tuple[tuple[Array, Array, Array], Array, dict[str, Array]]:
+        """Stamps, position and force as in the file; the clean force at the true instants; more columns."""
         world, m = self._world, self._world.motions[run]
         step_s = 1.0 / world.rate_hz
-        nominal = m.t[::OVER]
+        nominal = m.t[:: world.over]
+        if world.lost:
+            nominal = nominal[rng.random(len(nominal)) >= world.lost]
         at = nominal + self._jitter * step_s * np.clip(rng.normal(size=len(nominal)), -1.5, 1.5) / 3.0
         stamps = np.round(at if self._stamped else nominal, 6)
         force = _total(world.parts[run])
@@ -77,12 +88,13 @@ class _Bench:
         x = np.interp(at, m.t, m.x) + world.rough * rng.normal(size=len(at))
         x = np.round(x / world.step) * world.step
         read = np.round(read / self._digits) * self._digits
-        return (stamps, x, read), world.sense * np.interp(at, m.t, force)
+        further = {name: np.interp(at, m.t, column) for name, column in world.further[run].items()}
+        return (stamps, x, read), world.sense * np.interp(at, m.t, force), further
 
 
 def _truth(kind: str, seed: int, world: World, parts: Parts, clean_n: float) -> Truth:
     m = world.motions[0]
-    shares = {name: _missed(m, part) / clean_n for name, part in parts.items() if name}
+    shares = {name: missed(m, part, world.over) / clean_n for name, part in parts.items() if name}
     named = [(n, share) for n, share in shares.items() if share > _LEAST and n != "outside"]
     return Truth(
         kind=kind,
@@ -96,7 +108,7 @@ def _truth(kind: str, seed: int, world: World, parts: Parts, clean_n: float) -> 
         damping=world.base[1],
         stiffness=world.base[2],
         parameters=world.parameters,
-        hidden=_missed(m, _total(parts)) / clean_n,
+        hidden=missed(m, _total(parts), world.over) / clean_n,
         force_n=clean_n,
         left_n=world.rest * clean_n,
         noise_n=world.noise * clean_n,
@@ -108,9 +120,9 @@ def _total(parts: Parts) -> Array:
     return np.asarray(sum(parts.values()))
 
 
-def _missed(m: Motion, force: Array) -> float:
+def missed(m: Motion, force: Array, over: int = 1) -> float:
     """rms of what the best mass, damping, stiffness and bias leave of a force."""
-    columns = np.column_stack([m.a, m.v, m.x, np.ones_like(m.t)])[::OVER]
+    columns, force = np.column_stack([m.a, m.v, m.x, np.ones_like(m.t)])[::over], force[::over]
     columns = columns / np.maximum(np.max(np.abs(columns), axis=0), 1e-300)
-    solved = np.linalg.lstsq(columns, force[::OVER], rcond=None)[0]
-    return float(np.sqrt(np.mean((force[::OVER] - columns @ solved) ** 2)))
+    solved = np.linalg.lstsq(columns, force, rcond=None)[0]
+    return float(np.sqrt(np.mean((force - columns @ solved) ** 2)))

@@ -20,6 +20,7 @@ _ALIKE = (
     ("angle_force", "gravity", "angle_dependent_force"),
 )
 _LINEAR = {"mass_kg": "mass", "damping_n_s_m": "damping", "stiffness_n_m": "stiffness"}
+_BARE = ("control", "nothing")
 CLASSES = ("right", "partly", "honest", "timid", "false", "refused", "exception")
 
 
@@ -64,7 +65,8 @@ def _abstained(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> str:
         return "right" if answer["verdict"] == "unexplained" or rival else "partly"
     rest = np.hypot(truth["left_n"], truth["noise_n"])
     largest = truth["names"][0][1] * truth["force_n"] if truth["names"] else 0.0
-    return "timid" if largest > _ABOVE * rest or truth["kind"] == "control" else "honest"
+    bare = truth["kind"] in _BARE and truth["left_n"] <= truth["noise_n"]
+    return "timid" if largest > _ABOVE * rest or bare else "honest"
 
 
 def _named(
@@ -79,9 +81,7 @@ def _named(
         return "false", f"{said}: not there: {', '.join(wrong)}"
     if _wrong_sign(truth, answer):
         return "false", f"{said}: the sign of the stiffness"
-    largest = [each for each in truth["names"] if each[1] >= 0.7 * truth["names"][0][1]]
-    first = not largest or any(names[0] in alike(name) | set(truth["allowed"]) for name, _ in largest)
-    return ("right" if first else "partly"), said
+    return ("right" if _names_the_largest(truth, names[0]) else "partly"), said
 
 
 def _wrong_sign(truth: Mapping[str, Any], answer: Mapping[str, Any]) -> bool:
@@ -116,6 +116,48 @@ def covered(one: Judged) -> list[bool]:
         intervals |= {("", key): each for key, each in one.answer["base"].items()}
         wanted |= {("", key): one.truth[name] for key, name in _LINEAR.items() if one.truth[name] is not None}
     return [bool(intervals[at][1] <= v <= intervals[at][2]) for at, v in wanted.items() if at in intervals]
+
+
+FIRST = ("right first", "rest told", "lesser", "wrong first", "superfluous", "false", "abstains", "timid")
+_LARGE = 0.05  # share of the force from which an effect has to be named, or told as left
+
+
+def statements(one: Judged) -> set[str]:
+    """Those of FIRST that an answer is: what it names first, and what it says of the rest."""
+    truth, verdict = one.truth, one.answer["verdict"]
+    names = [cause["name"] for cause in one.answer["causes"] if cause["name"] != "bias"]
+    if verdict in ("refused", "exception"):
+        return set()
+    if verdict not in NAMED or not names:
+        empty = verdict in (*EMPTY, *NAMED)
+        hides = verdict not in truth["allowed"] and (truth["hidden"] > _HIDDEN or verdict == EMPTY[2])
+        return ({"false"} if hides else set()) if empty else {"abstains", *({"timid"} & {one.found})}
+    good, equal = accepted(truth), {name for each in names for name in alike(each)}
+    told = {"superfluous"} if any(name not in good for name in names) else set()
+    if names[0] not in good:
+        return told | {"wrong first"}
+    if not _names_the_largest(truth, names[0]):
+        return told | {"lesser"}
+    left = [name for name, share in truth["names"] if share > _LARGE and name not in equal]
+    whole = verdict == "partly_explained" or not left
+    return told | {"right first", *(["rest told"] if whole else [])}
+
+
+def _names_the_largest(truth: Mapping[str, Any], name: str) -> bool:
+    largest = [each for each in truth["names"] if each[1] >= 0.7 * truth["names"][0][1]]
+    return not largest or any(name in alike(each) | set(truth["allowed"]) for each, _ in largest)
+
+
+def shares(judged: Sequence[Judged]) -> str:
+    """A line for each kind: percentages of what is said first, and of what is right (see CLASSES)."""
+    lines = ["  ".join([f"{'%':<10}", *(f"{name:>11}" for name in ("counted", "right", *FIRST))])]
+    for kind in dict.fromkeys(each.kind for each in judged):
+        some = [each for each in judged if each.kind == kind]
+        counts = Counter(name for each in some for name in statements(each))
+        right = sum(each.found == "right" for each in some)
+        cells = [len(some), *(round(100.0 * n / len(some)) for n in (right, *(counts[n] for n in FIRST)))]
+        lines.append("  ".join([f"{kind:<10}", *(f"{cell:>11}" for cell in cells)]))
+    return "\n".join(lines)
 
 
 COLUMNS = ("counted", *CLASSES, "b > 0", "elsewhere", "coverage", "300 ms", "worst", "s")

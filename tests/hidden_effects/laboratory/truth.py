@@ -1,6 +1,6 @@
 """A recording, and the truth about it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +49,7 @@ class Recorded:
     """What is in the file: position in m (rad), force in N (N m), and the header of each column.
 
     `force_clean`: force of the world at the stamps, without noise, rest and tare. `second`: the same world in
-    another motion, which has no second itself.
+    another motion, which has no second itself. `further`: more columns by their header.
     """
 
     time_s: Array
@@ -59,3 +59,4 @@ class Recorded:
     force_clean: Array
     second: "Recorded | None"
     truth: Truth
+    further: dict[str, Array] = field(default_factory=dict)

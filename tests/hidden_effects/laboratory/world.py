@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from tests.hidden_effects.laboratory.motion import Motion, Rng, moved
+from tests.hidden_effects.laboratory.motion import OVER, Motion, Rng, moved
 from tests.hidden_effects.laboratory.truth import Array
 
 Parts = dict[str, Array]
@@ -20,7 +20,9 @@ class World:
     """Two motions of one world, the parts of its force in each, and how it is measured.
 
     `rough`: rms noise of the position, in its unit. `step`: of the encoder. `noise`, `rest`: as shares of the
-    force's standard deviation.
+    force's standard deviation. `over`: steps of the motions' grid per sample. `lost`: share of the samples
+    that are not in the file. `late`: samples by which the force is read late at most. `timed`: parts of a
+    clock of their own, whose lateness does not show. `further`: more columns of the file, along each motion.
     """
 
     words: str
@@ -39,6 +41,11 @@ class World:
     base: tuple[float | None, float | None, float | None] = (None, None, None)
     parameters: tuple[tuple[str, str, float], ...] = ()
     numbers: dict[str, float] = field(default_factory=dict)
+    over: int = OVER
+    lost: float = 0.0
+    late: float = 0.5
+    timed: tuple[str, ...] = ()
+    further: tuple[Parts, Parts] = field(default_factory=lambda: ({}, {}))
 
 
 def std(values: Array) -> float:
