@@ -106,18 +106,22 @@ def _carried(ff: Any, found: Any, first: Any, folder: Path) -> dict[str, Any]:  
     second, clean = _loaded(ff, folder / "b.csv"), np.load(folder / "clean.npz")["b"]
     models = {"before": _plain(ff, found), "after": found.model}
     along = {name: [_along(m, run) for run in (first, second)] for name, m in models.items()}
-    # a model counts resisting forces as positive; the recording may show the reaction
-    sense = float(np.sign(np.dot(along["after"][0] - np.mean(along["after"][0]), first.force_n))) or 1.0
+    # one model may count forces as the recording does, another those that resist as positive
+    senses = {
+        name: float(np.sign(np.dot(runs[0] - np.mean(runs[0]), first.force_n))) or 1.0
+        for name, runs in along.items()
+    }
 
     def gain(force: Any, run: int) -> tuple[float, float]:  # noqa: ANN401
         left = {
-            name: float(np.std(sense * np.asarray(force) - forces[run])) for name, forces in along.items()
+            name: float(np.std(senses[name] * np.asarray(force) - forces[run]))
+            for name, forces in along.items()
         }
         return 1.0 - left["after"] / left["before"], left["after"]
 
     there, true = gain(second.force_n, 1), gain(clean, 1)
     gains = {"gain_a": gain(first.force_n, 0)[0], "gain_b": there[0], "gain_b_clean": true[0]}
-    return {**gains, "left_b_n": there[1], "sense": sense}
+    return {**gains, "left_b_n": there[1]}
 
 
 def _along(model: Any, run: Any) -> Any:  # noqa: ANN401
