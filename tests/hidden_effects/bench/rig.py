@@ -87,10 +87,11 @@ def simulated(rig: Rig, stage: Stage, push_n: Array | None = None, heave_m: Arra
     """Everything rests at the stage's first position.
 
     Args:
-        push_n: a force against the last body that no axis causes. heave_m: the wall's own motion.
+        push_n: a force against the last body that no axis causes. heave_m: the wall's own motion. Both are as
+            long as the stage's motion or longer.
     """
-    push = np.zeros_like(stage.x) if push_n is None else push_n
-    heave = np.zeros_like(stage.x) if heave_m is None else heave_m
+    push = np.zeros_like(stage.x) if push_n is None else push_n[: len(stage.x)]
+    heave = np.zeros_like(stage.x) if heave_m is None else heave_m[: len(stage.x)]
     driven = (stage.t, stage.x, stage.v, push, heave, np.gradient(heave, STEP_S))
     cell_n, x, v = _advance(rig, np.column_stack(driven).tolist())
     return Run(np.array(cell_n), np.array(x), np.array(v))
