@@ -4,13 +4,11 @@ import numpy as np
 
 from forefeel.common.causes.base import ForceEffect, Parameter
 from forefeel.common.causes.candidate import Entry, Extent, Fitted, Form, Shape, Values, entry, log_grid, two
-from forefeel.common.causes.motion import BAND_M_S, Bristle, Kinematics, MotionGrid, PrandtlElement, Value
+from forefeel.common.causes.motion import Bristle, Kinematics, MotionGrid, PrandtlElement, Value
 from forefeel.common.causes.numerics import Array
 
 BREAKAWAY = Parameter("breakaway_m", "m", 0.0, 0.0, 1e6, linear=False)
 """Distance over which friction grows from 0 to its full size; 0: at once."""
-BAND = Parameter("band_m_s", "m/s", BAND_M_S, BAND_M_S, 1e5, linear=False)
-"""Half the width of the linear band; wider than by default if the speed is not known so well."""
 # of the stroke, and their number; longer ones are described by presliding_hysteresis
 _SHORTEST, _LONGEST, _LENGTHS = 1e-5, 6e-4, 4
 
@@ -28,7 +26,7 @@ class _AlongDirection(ForceEffect):
     element = PrandtlElement()
 
     def _configure(self) -> None:
-        self._breakaway_m, self._band_m_s = self.values["breakaway_m"], self.values.get(BAND.name, BAND_M_S)
+        self._breakaway_m = self.values["breakaway_m"]
 
     @property
     def remembers(self) -> bool:
@@ -37,7 +35,7 @@ class _AlongDirection(ForceEffect):
     def direction(self, m: Kinematics) -> Value:
         """s, from -1 to 1; advances `element` if there is a breakaway distance and m is a sample."""
         if self._breakaway_m <= 0.0:
-            return m.direction(self._band_m_s)
+            return m.direction()
         return m.through(self.element, m.rate * m.dt / self._breakaway_m)
 
 
@@ -207,25 +205,46 @@ class PreslidingHysteresis(ForceEffect):
         return (m.through(self.bristle, d, m.exp(-abs(d))),)
 
 
+def _build_ups(extent: Extent) -> list[Shape]:
+    """Lengths over which a shaft in a path lets go, one part after the other."""
+    return log_grid(_SHORTEST * extent.stroke_m, 0.1 * extent.stroke_m, 8)
+
+
 class PositionDependentFriction(_AlongDirection):
-    """`f = force_per_length_n_m max(x, 0) sign(v)`: the capstan's law to first order in the length."""
+    """`f = (force_n + force_per_length_n_m max(x, 0)) s`: the capstan's law to first order in the length.
+
+    force_n: of what is inserted already where the position is 0.
+    """
 
     name = "position_dependent_friction"
     site = "wall"
-    parameters = (Parameter("force_per_length_n_m", "N/m", 0.0, 0.0, 1e6), BREAKAWAY, BAND)
+    parameters = (
+        Parameter("force_per_length_n_m", "N/m", 0.0, 0.0, 1e6),
+        Parameter("force_n", "N", 0.0, 0.0, 1e4, explains=0.01),
+        BREAKAWAY,
+    )
     picture = "direction"
     kin = "friction of the length"
     reference = "capstan (Euler-Eytelwein) equation, linearised in the length of contact"
     fingerprint = "a jump at each reversal that is larger the deeper the instrument is"
-    words = "friction that grows with the inserted length"
+    words = "friction along the path, which grows with the inserted length"
     equation = (
+        "({force_n} + {force_per_length_n_m} max(x, 0)) s; ds = dx/{breakaway_m} within -1 to 1",
         "{force_per_length_n_m} max(x, 0) s; ds = dx/{breakaway_m} within -1 to 1",
         "{force_per_length_n_m} max(x, 0) sgn(x')",
     )
     candidates = (
-        Form(),
-        Form(form="elastic", shapes=("breakaway_m",), grid=breakaways_m, costly=True),
-    )
+        Form(coefficients=("force_per_length_n_m",), mix=((1, 0),), signs=(1,)),
+        Form(
+            form="elastic", coefficients=("force_per_length_n_m",), mix=((1, 0),), signs=(1,),
+            shapes=("breakaway_m",), grid=_build_ups,
+        ),
+        Form(
+            form="level", coefficients=("force_per_length_n_m", "force_n"), mix=((1, 0), (0, 1)),
+            signs=(1, 1), shapes=("breakaway_m",), grid=_build_ups, sizes=("force_per_length_n_m",),
+        ),
+    )  # fmt: skip
 
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:
-        return (m.depth * self.direction(m),)
+        s = self.direction(m)
+        return m.depth * s, s

@@ -52,12 +52,12 @@ class MotionSample:
         """Penetration: the position where it is positive."""
         return self.x if self.x > 0.0 else 0.0
 
-    def direction(self, band_m_s: float = BAND_M_S) -> float:
+    def direction(self) -> float:
         """sign(v), linear within the band, the usual regularisation of Coulomb's law (Armstrong-Helouvry,
         Dupont and Canudas de Wit, Automatica 30(7), 1994).
         """
         v = self.v
-        return 1.0 if v >= band_m_s else -1.0 if v <= -band_m_s else v / band_m_s
+        return 1.0 if v >= BAND_M_S else -1.0 if v <= -BAND_M_S else v / BAND_M_S
 
     def along(self, x: float, v: float, a: float) -> "MotionSample":
         """Itself, with another motion from now on."""
@@ -128,8 +128,8 @@ class Motion:
     def depth(self) -> Array:
         return np.maximum(self.x, 0.0)
 
-    def direction(self, band_m_s: float = BAND_M_S) -> Array:
-        return np.clip(self.v / band_m_s, -1.0, 1.0)
+    def direction(self) -> Array:
+        return np.clip(self.v / BAND_M_S, -1.0, 1.0)
 
     def along(self, x: Array, v: Array, a: Array) -> "Motion":
         return replace(self, x=x, v=v, a=a)
@@ -177,13 +177,15 @@ class MotionGrid(Motion):
         steps = np.concatenate([np.diff(self.x[piece], prepend=self.x[piece][:1]) for piece in self.pieces])
         return np.asarray(np.divide(steps, self.dt, out=np.zeros_like(steps), where=self.dt > 0.0))
 
-    def direction(self, band_m_s: float = BAND_M_S) -> Array:
+    def direction(self) -> Array:
         """sign(v) with a band as wide as the noise; means where the grid is coarser than the samples."""
         return self._direction
 
     @cached_property
     def _direction(self) -> Array:
-        return sign_means(self.v, self.speed_band) if self.decimated else super().direction(self.speed_band)
+        if self.decimated:
+            return sign_means(self.v, self.speed_band)
+        return np.clip(self.v / self.speed_band, -1.0, 1.0)
 
     def above(self, u: Array) -> Array:
         """Share of each sample in which u is positive, where the grid is coarser than the samples."""

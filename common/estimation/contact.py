@@ -59,7 +59,7 @@ class ContactFit:
 
         Model, theta and noise are those of `self._belief`, which has to follow from that prior.
         """
-        shape, _ = self._belief.shape_of(MotionExtent(0.0, 0.0, 0.0))
+        shape, _ = self._belief.shape_of(MotionExtent(0.0, 0.0))
         return Contact(
             model=self._causes.model(shape, 0.0),
             theta=tuple(self._belief.theta.tolist()),
@@ -128,7 +128,7 @@ class ContactFit:
             belief=self._belief,
             before=self.contact,
             searched=t_s < self._new_until_s,
-            motion=MotionExtent(self._low_m, self._high_m, float(np.sqrt(np.mean(samples[2] ** 2)))),
+            motion=MotionExtent(self._low_m, self._high_m),
             contact_s=self._contact_s,
         )
 

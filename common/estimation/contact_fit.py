@@ -69,7 +69,7 @@ _CHANGED = 5.0  # rms of their errors over sigma that counts as changed
 CHANGED_BY = 2.0  # spread of a changed contact about the old one, over that between sessions
 _GRID = ((0, 24), (4, 11), (3, 15), (1, 7), (2, 5), (5, 5))  # coordinate of s, points
 _STEP_OF_RANGE = 0.003  # difference in place of d/dx0, over the range
-_DIFFERENCES = (0.02, 0.02, 5e-4, 5e-4, 0.05)  # in log L, log tau, Hz and log band
+_DIFFERENCES = (0.02, 0.02, 5e-4, 5e-4, 0.05)  # in log L, log tau, Hz and log l
 _SINGULAR = 1e-9  # relative information added to every direction, so that the inverse exists
 
 

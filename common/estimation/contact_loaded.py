@@ -87,6 +87,8 @@ def _of_shared(kind: type[Effect], values: Mapping[str, float]) -> dict[str, flo
         means["length_m"] = values["force_n"] / values["stiffness_n_m"]
     elif kind in _SEARCHED:
         means[_SEARCHED[kind]] = values[_SEARCHED[kind]]
+    elif kind is PositionDependentFriction and values["breakaway_m"]:
+        means["breakaway_m"] = values["breakaway_m"]
     return {f"{kind.name}.{key}": value for key, value in means.items()}
 
 

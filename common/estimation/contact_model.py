@@ -1,11 +1,11 @@
 """The contact model of the paper, extended by the causes of a vessel, as a list of causes.
 
-    f = f0 + Fc u + [d > 0] (m x'' + b x' + k d + k2 d^2 + k3 d^3 + g d x' + p d sgn(x') + c q + W)
-    d = x - x0,   L du = (1 - u sgn(x')) dx,   q' = x' - q / tau
+    f = f0 + Fc u + [d > 0] (m x'' + b x' + k d + k2 d^2 + k3 d^3 + g d x' + p d s + c q + W)
+    d = x - x0,   L du = (1 - u sgn(x')) dx,   l ds = dx within -1 <= s <= 1,   q' = x' - q / tau
     W = waves of heart (w_h and 2 w_h) and breath (w_b)
 
 f is linear in theta: f0, Fc, m, b, p, c, k, k2, k3, g and a sine and a cosine of each wave. It is not linear
-in the shape: x0, log L, log tau, the frequencies of heart and breath, and the log of the band of sgn. A model
+in the shape: x0, log L, log tau, the frequencies of heart and breath, and log l. A model
 of a diagnosis adds its other causes, whose shapes stay fixed.
 """
 
@@ -36,25 +36,24 @@ SHAPE = (
     "stress_relaxation.time_constant_s",
     "heart.frequency_hz",
     "breath.frequency_hz",
-    "position_dependent_friction.band_m_s",
+    "position_dependent_friction.breakaway_m",
 )
 WAVES = ("heart.amplitude_n", "heart.second_harmonic_n", "breath.amplitude_n")
 _PULSATIONS = Pulsation.name, *(f"{Pulsation.name}-{n}" for n in range(2, 2 * len(WAVES) + 1))
 _BASE_NAMES = frozenset(kind.name for kind in BASE)
 NOISE = "residual.rms_n"
 _LOGARITHMIC = np.array([False, True, True, False, False, True])
-# A little less than what the causes accept, in m, log m, log s, Hz and log m/s; 2 w_h is a pulsation, too.
-_LOWEST = np.array([-900.0, np.log(2e-9), np.log(2e-4), 0.06, 0.06, np.log(1.1e-5)])
-_HIGHEST = np.array([900.0, np.log(900.0), np.log(9e3), 24.0, 49.0, np.log(0.9)])
+# A little less than what the causes accept, in m, log m, log s and Hz; 2 w_h is a pulsation, too.
+_LOWEST = np.array([-900.0, np.log(2e-9), np.log(2e-4), 0.06, 0.06, np.log(2e-9)])
+_HIGHEST = np.array([900.0, np.log(900.0), np.log(9e3), 24.0, 49.0, np.log(900.0)])
 
-# Shape without a prior; lengths relative to the range of motion, speeds to their rms.
+# Shape without a prior; lengths relative to the range of motion.
+_TYPICAL_BREAKAWAY = 0.001
 _TYPICAL_S = 0.6  # s of relaxation
 _TYPICAL_HZ = (1.2, 0.25)  # of heart and breath
-_TYPICAL_BAND = 0.02
-_TYPICAL_SD = (1.5, 1.0, 0.15, 0.05, 1.0)  # of log L, log tau, the two frequencies and log band
+_TYPICAL_SD = (1.5, 1.0, 0.15, 0.05, 1.5)  # of log L, log tau, the two frequencies and log l
 # Least motion that determines a length, a speed or an acceleration: 0.1 mm at 10 rad/s.
 _LEAST_RANGE_M, _LEAST_RATE_S = 1e-4, 10.0
-_LEAST_SPEED_M_S = _LEAST_RANGE_M * _LEAST_RATE_S
 
 # Part of `Parameter.explains` for a cause that a loaded model lacks, as its diagnosis has rejected it.
 # Without, relaxation took half of a loaded resonance's stiffness in the first second: 35 mN rms for 6.
@@ -62,11 +61,10 @@ _UNNAMED = 0.1
 
 
 class MotionExtent(NamedTuple):
-    """Lowest and highest position of a motion in m, rms of its speed in m/s."""
+    """Lowest and highest position of a motion in m."""
 
     low_m: float
     high_m: float
-    speed_m_s: float
 
     @property
     def range_m(self) -> float:
@@ -93,9 +91,9 @@ class Belief:
 
 def typical_shape(motion: MotionExtent) -> tuple[Array, Array]:
     """Mean and standard deviation of the shape without a prior, by the extent of the motion."""
-    range_m, speed_m_s = max(motion.range_m, _LEAST_RANGE_M), max(motion.speed_m_s, _LEAST_SPEED_M_S)
+    range_m = max(motion.range_m, _LEAST_RANGE_M)
     lengths = motion.low_m + 0.2 * range_m, np.log(0.01 * range_m)
-    mean = np.array([*lengths, np.log(_TYPICAL_S), *_TYPICAL_HZ, np.log(_TYPICAL_BAND * speed_m_s)])
+    mean = np.array([*lengths, np.log(_TYPICAL_S), *_TYPICAL_HZ, np.log(_TYPICAL_BREAKAWAY * range_m)])
     return accepted(mean), np.array([range_m, *_TYPICAL_SD])
 
 
@@ -130,7 +128,7 @@ class Causes:
                 p.linear and p.name == parameter for p in effect_class(effect).parameters
             ):
                 self._linear.setdefault(effect, {})[parameter] = value
-        runtime = self.model(typical_shape(MotionExtent(0.0, 0.0, 0.0))[0], 0.0).runtime()
+        runtime = self.model(typical_shape(MotionExtent(0.0, 0.0))[0], 0.0).runtime()
         self.linear = runtime.linear_names
         waves = [self.linear.index(f"{name}.amplitude_n") for name in _PULSATIONS]
         self._waves = np.array(waves).reshape(len(WAVES), 2)
@@ -154,7 +152,7 @@ class Causes:
         The contact effect, if any, comes first, the further effects of a loaded model last. Each wave is a
         sine, 0 at stamp `origin_s`, and its cosine.
         """
-        contact_m, length_m, time_s, heart_hz, breath_hz, band_m_s = shape_values(shape).tolist()
+        contact_m, length_m, time_s, heart_hz, breath_hz, breakaway_m = shape_values(shape).tolist()
         waves = [
             EffectEntry(Pulsation.name, (("frequency_hz", hz), ("phase_rad", 2.0 * pi * turns)))
             for hz in (heart_hz, 2.0 * heart_hz, breath_hz)
@@ -167,7 +165,7 @@ class Causes:
             *gate,
             self._entry(Bias),
             self._entry(PreslidingHysteresis, **hysteresis),
-            self._entry(PositionDependentFriction, band_m_s=band_m_s),
+            self._entry(PositionDependentFriction, breakaway_m=breakaway_m),
             self._entry(StressRelaxation, time_constant_s=time_s),
             self._entry(MassDamperSpring),
             self._entry(Stiffening),

@@ -22,6 +22,7 @@ TRUE = {
     "mass_damper_spring.damping_n_s_m": 0.4,
     "mass_damper_spring.stiffness_n_m": 7.5,
     "position_dependent_friction.force_per_length_n_m": 1.0,
+    "position_dependent_friction.breakaway_m": 1e-4,
     "stress_relaxation.stiffness_n_m": 3.0,
     "stress_relaxation.time_constant_s": 0.6,
     "heart.amplitude_n": 0.012,

@@ -65,7 +65,7 @@ def test_fit_of_passive_contact_has_no_negative_parameter() -> None:
 
 @pytest.mark.parametrize("size", [1e-12, 1e6])
 def test_causes_accept_the_typical_shape_of_any_motion(size: float) -> None:
-    shape, _ = typical_shape(MotionExtent(-size, size, size))
+    shape, _ = typical_shape(MotionExtent(-size, size))
     assert Causes().model(shape, 0.0).runtime().linear_names == Causes().linear
 
 
