@@ -161,7 +161,7 @@ def test_weight_of_a_joint_is_named_where_the_position_is_an_angle() -> None:
 
 
 def test_friction_along_a_path_has_a_level_a_growth_and_a_length_over_which_it_builds_up() -> None:
-    """As of a guidewire in a vessel: 40 mN at the entry and 5 N/m of depth, over .5 mm after each reversal."""
+    """As of a guidewire in a vessel: 40 mN at the entry, 5 N/m of depth, over .5 mm after each reversal."""
     true = {"force_per_length_n_m": 5.0, "force_n": 0.04, "breakaway_m": 5e-4}
     found = diagnose(recorded(body(), effect("position_dependent_friction", **true), rate_hz=100.0)).diagnosis
     assert [cause.name for cause in found.causes] == ["position_dependent_friction"]
