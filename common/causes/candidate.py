@@ -88,6 +88,7 @@ class Candidate:
         picture: overrides that of its effect.
         costly: has many shapes, and is tried only where more than noise is left.
         at_start: those of its coefficients, by index, that are a state at the recording's start.
+        plainer: the form of the same cause with fewer numbers, which stands in where this one is doubted.
     """
 
     form: str = ""
@@ -106,6 +107,7 @@ class Candidate:
     picture: str = ""
     costly: bool = False
     at_start: tuple[int, ...] = ()
+    plainer: str | None = None
 
     def of(self, kind: type[Effect]) -> Self:
         """Copy for that cause: `kind` is set unless the form names another effect."""

@@ -192,8 +192,9 @@ class PreslidingHysteresis(ForceEffect):
             sizes=("force_n",),
         ),
         Form(
-            form="two", elements=2, signs=(1, 1), values=_unit, grid=lambda extent: two(_lengths(extent, 5)),
-            naming=_sum, sizes=("force_n",), making=_slip_elements,
+            form="two", plainer="", elements=2, signs=(1, 1), values=_unit,
+            grid=lambda extent: two(_lengths(extent, 5)), naming=_sum, sizes=("force_n",),
+            making=_slip_elements,
         ),
     )  # fmt: skip
 
@@ -240,8 +241,9 @@ class PositionDependentFriction(_AlongDirection):
             shapes=("breakaway_m",), grid=_build_ups,
         ),
         Form(
-            form="level", coefficients=("force_per_length_n_m", "force_n"), mix=((1, 0), (0, 1)),
-            signs=(1, 1), shapes=("breakaway_m",), grid=_build_ups, sizes=("force_per_length_n_m",),
+            form="level", plainer="elastic", coefficients=("force_per_length_n_m", "force_n"),
+            mix=((1, 0), (0, 1)), signs=(1, 1), shapes=("breakaway_m",), grid=_build_ups,
+            sizes=("force_per_length_n_m",),
         ),
     )  # fmt: skip
 

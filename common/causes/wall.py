@@ -157,8 +157,8 @@ class StressRelaxation(ForceEffect):
     candidates = (
         Form(shapes=("time_constant_s",), signs=(1, 0), beside=_earlier, grid=_times, at_start=(1,)),
         Form(
-            form="two", elements=2, values=lambda shape: {"time_constant_s": shape[0]}, signs=(1, 0, 1, 0),
-            beside=_earlier, grid=lambda extent: two(_times(extent, 6)), naming=_both,
+            form="two", plainer="", elements=2, values=lambda shape: {"time_constant_s": shape[0]},
+            signs=(1, 0, 1, 0), beside=_earlier, grid=lambda extent: two(_times(extent, 6)), naming=_both,
             sizes=("stiffness_n_m",), making=_branches, at_start=(1, 3),
         ),
     )  # fmt: skip

@@ -81,19 +81,18 @@ class Analysis:
         return other, Search(other).refined(other.fit(self.fit.model), most=_TRIALS)
 
     def without(self, name: str) -> "Analysis":
-        """Returns an analysis whose search went on without cause `name` in all its forms; of a form `:two`
-        only that form is barred, and its single element is tried first.
+        """Returns an analysis whose search went on without cause `name` in all its forms; of a form with a
+        plainer one only that form is barred, and the plainer one is tried first.
 
         A cause that takes its place must fit within `ADD` of the fit before, penalties aside. One that does
         not describes something that has no name here: it is barred too, and the search repeated.
         """
         rest: Model = {other: shape for other, shape in self.fit.model.items() if other != name}
-        refused = {name} if name.endswith(":two") else {base_name(name)}
-        one = (
-            None
-            if base_name(name) in refused
-            else self.search.best_with(self.search.fit(rest), base_name(name))
-        )
+        form = CANDIDATES[name].plainer
+        refused, one = {base_name(name)}, None
+        if form is not None:
+            plainer = f"{base_name(name)}:{form}".rstrip(":")
+            refused, one = {name}, self.search.best_with(self.search.fit(rest), plainer)
         rest = rest if one is None else one.model
         known = {base_name(other) for other in rest} | {"bias"}
         while True:

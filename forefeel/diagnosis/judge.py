@@ -11,6 +11,7 @@ from forefeel.common.causes.catalogue import CANDIDATES, cause_class, no_rivals
 from forefeel.common.causes.periodic import Pulsation
 from forefeel.common.causes.registry import effect_class
 from forefeel.common.causes.sensor import SensorLag, SensorQuantisation
+from forefeel.common.causes.unmodelled_resonance import MOST_DAMPED
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.follows import Leftover
@@ -354,7 +355,8 @@ class Judge:
 
     def _is_weak(self, name: str) -> bool:
         """True if the cause gains 3 % or less on held-out blocks (lower end), or its intervals tell nothing:
-        all its sizes may be 0 or are wider than 20 times the value, a ratio may be 1, or an end is infinite.
+        all its sizes may be 0 or are wider than 20 times the value, a ratio may be 1, a frequency may be 0, a
+        mode may have no damping or no peak, or an end is infinite.
         Also for a change of stiffness at rest with few reversals beside it that gains below 90 %.
         """
         _, held_out = self.without[name]
@@ -366,6 +368,9 @@ class Judge:
         parameters = self.parameters[base_name(name)]
         ratio = parameters.get("ratio")  # of two stiffnesses
         if ratio is not None and ratio.low <= 1.0 <= ratio.high:
+            return True
+        mode = [parameters[size] for size in ("frequency_hz", "damping_ratio") if size in parameters]
+        if any(number.low <= 0.0 for number in mode) or any(number.high > MOST_DAMPED for number in mode[1:]):
             return True
         if any(not np.isfinite(interval.high - interval.low) for interval in parameters.values()):
             return True
