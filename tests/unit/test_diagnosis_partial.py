@@ -85,7 +85,7 @@ def test_a_bias_that_is_dropped_stays_open_to_what_is_searched_for_later(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Friction in proportion to a load takes a weight for itself; without it the weight may come back."""
-    t, x, v = strokes()
+    t, x, v = strokes(8.0)
     doubts = iter(["bias", "coulomb_friction"])
     monkeypatch.setattr(Judge, "doubted", lambda _: next(doubts, None))
     assert "bias" in diagnose(recorded(t, x, 0.5 + 0.12 * np.sign(v))).analysis.search.names
