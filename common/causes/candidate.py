@@ -280,6 +280,11 @@ def entry(kind: type[Effect], values: Values) -> Entry:
     return {"effect": kind.name, "parameters": within(kind, {**spelled, **values})}
 
 
+def form_name(cause: str, form: str) -> str:
+    """Name `cause:form` of a form, or the cause's of its plain one."""
+    return f"{cause}:{form}" if form else cause
+
+
 def base_name(name: str) -> str:
     """Name of the cause of a form `name:form`."""
     return name.partition(":")[0]

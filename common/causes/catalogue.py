@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 
 from forefeel.common.causes.base import Effect, ForceEffect
-from forefeel.common.causes.candidate import Candidate, base_name
+from forefeel.common.causes.candidate import Candidate, base_name, form_name
 from forefeel.common.causes.generic import MOST_SHAPES, GenericForce
 from forefeel.common.causes.registry import OWN, effect_class, effect_names
 
@@ -32,7 +32,7 @@ def cause_class(name: str) -> type[Effect]:
 
 def _forms(kind: type[Effect]) -> Iterator[tuple[str, Candidate]]:
     for candidate in kind.candidates:
-        yield f"{kind.name}:{candidate.form}" if candidate.form else kind.name, candidate.of(kind)
+        yield form_name(kind.name, candidate.form), candidate.of(kind)
 
 
 CANDIDATES: dict[str, Candidate] = {

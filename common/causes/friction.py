@@ -13,8 +13,8 @@ BREAKAWAY = Parameter("breakaway_m", "m", 0.0, 0.0, 1e6, linear=False)
 _SHORTEST, _LONGEST, _LENGTHS = 1e-5, 6e-4, 4
 
 
-def breakaways_m(extent: Extent) -> list[Shape]:
-    return log_grid(_SHORTEST * extent.stroke_m, _LONGEST * extent.stroke_m, _LENGTHS)
+def breakaways_m(extent: Extent, longest: float = _LONGEST, count: int = _LENGTHS) -> list[Shape]:
+    return log_grid(_SHORTEST * extent.stroke_m, longest * extent.stroke_m, count)
 
 
 class _AlongDirection(ForceEffect):
@@ -208,7 +208,7 @@ class PreslidingHysteresis(ForceEffect):
 
 def _build_ups(extent: Extent) -> list[Shape]:
     """Lengths over which a shaft in a path lets go, one part after the other."""
-    return log_grid(_SHORTEST * extent.stroke_m, 0.1 * extent.stroke_m, 8)
+    return breakaways_m(extent, 0.1, 8)
 
 
 class PositionDependentFriction(_AlongDirection):

@@ -1,12 +1,12 @@
 """The contact model of the paper, extended by the causes of a vessel, as a list of causes.
 
-    f = f0 + Fc u + [d > 0] (m x'' + b x' + k d + k2 d^2 + k3 d^3 + g d x' + p d s + c q + W)
+    f = f0 + Fc u + [d > 0] (m x'' + b x' + k d + k2 d^2 + k3 d^3 + g d x' + (p0 + p d) s + c q + W)
     d = x - x0,   L du = (1 - u sgn(x')) dx,   l ds = dx within -1 <= s <= 1,   q' = x' - q / tau
     W = waves of heart (w_h and 2 w_h) and breath (w_b)
 
-f is linear in theta: f0, Fc, m, b, p, c, k, k2, k3, g and a sine and a cosine of each wave. It is not linear
-in the shape: x0, log L, log tau, the frequencies of heart and breath, and log l. A model
-of a diagnosis adds its other causes, whose shapes stay fixed.
+f is linear in theta: f0, Fc, m, b, p0, p, c, k, k2, k3, g and a sine and a cosine of each wave. It is not
+linear in the shape: x0, log L, log tau, the frequencies of heart and breath, and log l. A model of a
+diagnosis adds its other causes, whose shapes stay fixed.
 """
 
 import re

@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from forefeel.common.causes.candidate import Model, base_name
+from forefeel.common.causes.candidate import Model, base_name, form_name
 from forefeel.common.causes.catalogue import CANDIDATES, cause_class
 from forefeel.common.causes.sensor import SensorQuantisation, SensorSpikes
 from forefeel.common.error_size import Floats
@@ -91,7 +91,7 @@ class Analysis:
         form = CANDIDATES[name].plainer
         refused, one = {base_name(name)}, None
         if form is not None:
-            plainer = f"{base_name(name)}:{form}".rstrip(":")
+            plainer = form_name(base_name(name), form)
             refused, one = {name}, self.search.best_with(self.search.fit(rest), plainer)
         rest = rest if one is None else one.model
         known = {base_name(other) for other in rest} | {"bias"}

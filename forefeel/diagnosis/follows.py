@@ -28,7 +28,8 @@ _LEAST_CYCLES = 3.0  # of a rhythm
 _OF_TIME = "time", "rate varies"  # variables that noise with a memory follows, too
 _WITH_DEPTH = "that grows with depth"
 _SINGLE = "direction", "position", "speed", "acceleration", "size of the force"
-_STEPS_S = np.array([0.7, 2.5])  # s between the knots of a function of time, and of a rhythm's size
+_STEP_S, _MOST_KNOTS = 0.7, 60  # s between the knots of a function of time, and their number
+_SLOW_STEP_S, _MOST_SLOW_KNOTS = 2.5, 24  # the same of a rhythm's size
 _LOW_SPEEDS = 0.01, 0.03, 0.1, 0.3  # of the 90 % quantile of the speed, where friction bends
 
 Columns = Callable[[], Floats]
@@ -78,19 +79,24 @@ class Leftover:
         with depth, or vary in rate.
         """
         regression, t = self.regression, self.regression.signals.t
-        line_hz, (some, few) = self._line_hz(), np.clip(regression.extent.duration_s / _STEPS_S, 8, (60, 24))
+        line_hz, duration_s = self._line_hz(), regression.extent.duration_s
         m = regression.motion(self.fit.model)
         speed, depth = (np.interp(t, m.t, values) for values in (np.abs(m.v), m.x))
         moves = np.tanh(speed / max(float(np.median(speed)), 1e-12))
-        slowly = np.column_stack(_bumps(t, np.linspace(t[0], t[-1], int(few))))
         rhythm = f"rhythm of {line_hz:.2g} Hz"
+
+        def course(step_s: float, most: int) -> Floats:
+            count = int(np.clip(duration_s / step_s, 8, most))
+            return np.column_stack(_bumps(t, np.linspace(t[0], t[-1], count)))
+
+        slowly = course(_SLOW_STEP_S, _MOST_SLOW_KNOTS)
 
         def waves(harmonics: int) -> Floats:
             turns = 2.0 * np.pi * line_hz * t
             return np.column_stack([w(n * turns) for n in range(1, harmonics + 1) for w in (np.sin, np.cos)])
 
         return {
-            "time": lambda: np.column_stack(_bumps(t, np.linspace(t[0], t[-1], int(some)))),
+            "time": lambda: course(_STEP_S, _MOST_KNOTS),
             rhythm: lambda: waves(3),
             f"{rhythm} while it moves": lambda: moves[:, None] * waves(2),
             f"{rhythm} {_WITH_DEPTH}": lambda: np.hstack([waves(2), depth[:, None] * waves(2)]),

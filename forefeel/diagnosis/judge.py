@@ -211,8 +211,9 @@ class Judge:
     @cached_property
     def _structure_left(self) -> bool:
         """True if the causes leave over three times the noise and 2 % of the force; over 20 % of the variance
-        that mass, damper, spring and a bias leave, and that may not be noise; or if much of it is structure.
-        Always False with a quantised sensor.
+        that mass, damper, spring and a bias leave, and that may not be noise; or if much of it is structure;
+        or next to an unknown noise over 3 % of the force, most of which its own past predicts. Always False
+        with a quantised sensor.
         """
         if any(fault.name == SensorQuantisation.name for fault in self.faults):
             return False
@@ -253,16 +254,13 @@ class Judge:
 
     def _structured_share(self) -> float:
         """Share of the residual's variance that is no noise: the largest of what its own past predicts (next
-        to a white noise floor; next to an unknown one where it is most of 3 % of the force or more), what a
-        function of one variable explains, and what exceeds a known floor; 0 if none is clear.
+        to a white noise floor), what a function of one variable explains, and what exceeds a known floor; 0
+        if none is clear.
         """
         floor, foretold = self.analysis.floor, self._predicted_share
         shares = [self._left_over.largest_share(_FLEXIBLE)]
-        matters = self.residual_n > _OF_FORCE_UNKNOWN * self.force_n
         if floor is not None and floor.slope == 0.0:  # a coloured noise has a memory itself
             shares.append(foretold if foretold > _FORETOLD else 0.0)
-        elif not self._noise_is_known and matters:
-            shares.append(foretold if foretold > _FORETOLD_UNKNOWN else 0.0)
         if floor is not None and self.residual_n > _OF_FORCE * self.force_n:
             shares.append(excess_share(self.regression, self._residual, floor))
         return max(shares)
@@ -370,7 +368,8 @@ class Judge:
         if ratio is not None and ratio.low <= 1.0 <= ratio.high:
             return True
         mode = [parameters[size] for size in ("frequency_hz", "damping_ratio") if size in parameters]
-        if any(number.low <= 0.0 for number in mode) or any(number.high > MOST_DAMPED for number in mode[1:]):
+        damping = parameters.get("damping_ratio")
+        if any(size.low <= 0.0 for size in mode) or (damping is not None and damping.high > MOST_DAMPED):
             return True
         if any(not np.isfinite(interval.high - interval.low) for interval in parameters.values()):
             return True

@@ -11,7 +11,7 @@ from tests.hidden_effects.guidewire.wire import Run, Wire, force
 from tests.hidden_effects.laboratory.draw import missed, recording
 from tests.hidden_effects.laboratory.motion import Motion, Rng, chirped, log_uniform, moved, strokes, tremor
 from tests.hidden_effects.laboratory.truth import Array, Recorded
-from tests.hidden_effects.laboratory.world import Parts, World, sense_of, std
+from tests.hidden_effects.laboratory.world import Parts, World, sense_of, std, total
 
 KINDS = ("known", "new", "mixture", "nothing", "outside")
 # of 30: 8, 5, 9, 4 and 4
@@ -64,7 +64,7 @@ def _world(rng: Rng, makes: list[Make], outside: bool) -> World | None:
     if not _enough(parts, scene.m, over, noise_n):
         return None
     there = happening(hidden, rng, second)
-    clean_n = std(_total(parts))
+    clean_n = std(total(parts))
     exact = [(e.name, key, value) for e, size in zip(hidden, sizes, strict=True)
              for key, value in e.parameters(size).items()]  # fmt: skip
     return World(
@@ -84,30 +84,26 @@ def _wire(bare: Wire, hidden: list[Effect], sizes: list[float]) -> Wire:
 
 
 def _parts(bare: Wire, hidden: list[Effect], sizes: list[float], run: Run) -> Parts:
-    """What each effect changes of the force beside the others; "" is what is left of it."""
-    total = force(_wire(bare, hidden, sizes), run)
-    parts: Parts = {"": total}
+    """Change of the force by each effect beside the others; "" is what is left of it."""
+    whole = force(_wire(bare, hidden, sizes), run)
+    parts: Parts = {"": whole}
     for i, effect in enumerate(hidden):
         others = _wire(bare, hidden[:i] + hidden[i + 1 :], sizes[:i] + sizes[i + 1 :])
-        parts[effect.name] = total - force(others, run)
+        parts[effect.name] = whole - force(others, run)
         parts[""] = parts[""] - parts[effect.name]
     return parts
 
 
-def _total(parts: Parts) -> Array:
-    return np.asarray(sum(parts.values()))
-
-
 def _late(parts: Parts, m: Motion, sample_s: float) -> float:
     """Samples by which the force may be read late, up to a half: so few that it is no cause of weight."""
-    force = _total({name: part for name, part in parts.items() if name not in _TIMED})
+    force = total({name: part for name, part in parts.items() if name not in _TIMED})
     changes = np.interp(m.t - 0.5 * sample_s, m.t, force) - force
     return 0.5 * min(1.0, _LATE * std(force) / missed(m, changes))
 
 
 def _enough(parts: Parts, m: Motion, over: int, noise_n: float) -> bool:
-    """Whether each effect is neither lost nor all there is, in a force of a guidewire."""
-    force_n = std(_total(parts))
+    """True if each effect is neither lost nor all there is, in a force of a guidewire."""
+    force_n = std(total(parts))
     least = max(_LEAST, _ABOVE * noise_n / force_n)
     shares = [missed(m, part, over) / force_n for name, part in parts.items() if name]
     return all(least < share < _LARGEST for share in shares) and 0.02 < force_n < 2.0
@@ -169,8 +165,8 @@ def _sizes(rng: Rng, bare: Wire, hidden: list[Effect], run: Run, least: float) -
         without, (low, high) = force(_wire(bare, hidden[:i], sizes), run), effect.span
         for _ in range(6):
             size = (low * high) ** 0.5
-            total = force(_wire(bare, hidden[: i + 1], [*sizes, size]), run)
-            more = missed(run.m, total - without) > wanted * std(total)
+            whole = force(_wire(bare, hidden[: i + 1], [*sizes, size]), run)
+            more = missed(run.m, whole - without) > wanted * std(whole)
             low, high = (low, size) if more else (size, high)
         sizes.append((low * high) ** 0.5)
     return sizes

@@ -8,7 +8,7 @@ from tests.hidden_effects.laboratory import machines, materials
 from tests.hidden_effects.laboratory.forces import Rest, noise
 from tests.hidden_effects.laboratory.motion import Motion, Rng, log_uniform
 from tests.hidden_effects.laboratory.truth import Array, Recorded, Truth
-from tests.hidden_effects.laboratory.world import Parts, World
+from tests.hidden_effects.laboratory.world import Parts, World, total
 
 WORLDS: dict[str, Callable[[Rng], World]] = {
     "joint": machines.joint,
@@ -37,7 +37,7 @@ def draw(kind: str, seed: int) -> Recorded:
 
 def recording(kind: str, seed: int, rng: Rng, world: World) -> Recorded:
     """What a bench records of a world, with its second motion."""
-    clean_n = float(np.std(sum(world.parts[0].values())))
+    clean_n = float(np.std(total(world.parts[0])))
     rest = Rest(rng, float(np.ptp(world.motions[0].x)))
     headers = _ROTARY if world.angular else _LINEAR
     header = headers[int(rng.integers(len(headers)))]
@@ -66,7 +66,7 @@ class _Bench:
     def lateness(self) -> Array:
         """What the force of the first motion changes by as it is read late: a cause like any other."""
         m, parts = self._world.motions[0], self._world.parts[0]
-        force = _total({name: part for name, part in parts.items() if name not in self._world.timed})
+        force = total({name: part for name, part in parts.items() if name not in self._world.timed})
         return np.asarray(np.interp(m.t - self._late / self._world.rate_hz, m.t, force) - force)
 
     def recorded(
@@ -80,7 +80,7 @@ class _Bench:
             nominal = nominal[rng.random(len(nominal)) >= world.lost]
         at = nominal + self._jitter * step_s * np.clip(rng.normal(size=len(nominal)), -1.5, 1.5) / 3.0
         stamps = np.round(at if self._stamped else nominal, 6)
-        force = _total(world.parts[run])
+        force = total(world.parts[run])
         extra = world.rest * self._clean_n * rest.along(rng, m) if world.rest else np.zeros_like(force)
         late = np.clip(at - self._late * step_s, m.t[0], m.t[-1])
         read = np.interp(late, m.t, force + extra) + self._tare_n * (1.0 + 0.3 * run)
@@ -108,16 +108,12 @@ def _truth(kind: str, seed: int, world: World, parts: Parts, clean_n: float) -> 
         damping=world.base[1],
         stiffness=world.base[2],
         parameters=world.parameters,
-        hidden=missed(m, _total(parts), world.over) / clean_n,
+        hidden=missed(m, total(parts), world.over) / clean_n,
         force_n=clean_n,
         left_n=world.rest * clean_n,
         noise_n=world.noise * clean_n,
         outside=world.outside,
     )
-
-
-def _total(parts: Parts) -> Array:
-    return np.asarray(sum(parts.values()))
 
 
 def missed(m: Motion, force: Array, over: int = 1) -> float:

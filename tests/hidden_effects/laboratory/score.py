@@ -129,9 +129,8 @@ def statements(one: Judged) -> set[str]:
     if verdict in ("refused", "exception"):
         return set()
     if verdict not in NAMED or not names:
-        empty = verdict in (*EMPTY, *NAMED)
-        hides = verdict not in truth["allowed"] and (truth["hidden"] > _HIDDEN or verdict == EMPTY[2])
-        return ({"false"} if hides else set()) if empty else {"abstains", *({"timid"} & {one.found})}
+        abstains = set() if verdict in (*EMPTY, *NAMED) else {"abstains"}
+        return abstains | ({"false", "timid"} & {one.found})
     good, equal = accepted(truth), {name for each in names for name in alike(each)}
     told = {"superfluous"} if any(name not in good for name in names) else set()
     if names[0] not in good:

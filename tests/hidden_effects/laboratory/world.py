@@ -48,6 +48,10 @@ class World:
     further: tuple[Parts, Parts] = field(default_factory=lambda: ({}, {}))
 
 
+def total(parts: Parts) -> Array:
+    return np.asarray(sum(parts.values()))
+
+
 def std(values: Array) -> float:
     return float(np.std(values))
 

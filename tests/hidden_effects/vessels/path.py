@@ -60,12 +60,12 @@ class Path:
         return _along(start, piece, s - start[0])
 
     def outside_m(self, points: Array, radius_m: float) -> float:
-        """How far the farthest of some circles reaches beyond the lumen; negative where all are within."""
+        """Reach of the farthest of some circles beyond the lumen; negative where all are within."""
         distance, nearest = self._tree.query(points)
         return float(np.max(distance + radius_m - self._half_m[nearest]))
 
     def crosses_itself(self) -> bool:
-        """Whether a wall stands in another part of the lumen."""
+        """True if a wall stands in another part of the lumen."""
         line, half = self.line[::10], self._half_m[::10]
         apart = np.hypot(*(line[:, None] - line[None]).transpose(2, 0, 1))
         s = np.arange(len(line)) * 10 * _GRID_M

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.signal import savgol_filter
 
+from tests.hidden_effects.laboratory.forces import played
 from tests.hidden_effects.laboratory.truth import Array
 
 _BLOCKS = 12
@@ -39,11 +40,7 @@ def shares(time_s: Array, x: Array, force_n: Array, inserted_m: float) -> dict[s
 
 def stop(x: Array, breakaway_m: float) -> Array:
     """Elastoplastic element: rises with the way, and slips at -1 and 1."""
-    z, out = 0.0, np.empty_like(x)
-    for i, step in enumerate(np.diff(x, prepend=x[0]) / breakaway_m):
-        z = min(max(z + step, -1.0), 1.0)
-        out[i] = z
-    return out
+    return (x - played(x, 2.0 * breakaway_m)) / breakaway_m
 
 
 def _linear(time_s: Array, x: Array) -> Array:
