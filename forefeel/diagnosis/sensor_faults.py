@@ -25,6 +25,7 @@ MAINS_HZ = 50.0, 60.0
 _PILE = 8.0
 _LEAST_PILE = 0.002
 _WHOLE = 0.02
+_MOVED = 0.01  # of the range of positions
 _MOST_CLIPPED = 0.5  # of the samples: more is how the force is made
 _LINE = 8.0
 _SLOW_HZ = 40.0  # sampling rate at which a line is looked for, shifted to zero; its lines reach +- 8 Hz
@@ -50,7 +51,7 @@ def clean(recording: Recording) -> Cleaned:
     nowhere = np.zeros(len(force), dtype=np.bool_)
     cleaned = Cleaned(force, nowhere, nowhere.copy())
     step = comb_step(force)
-    _saturation(cleaned, step)
+    _saturation(cleaned, recording.position_m, step)
     if step is not None:
         words = f"the force takes only {len(np.unique(force))} values, multiples of one step"
         parameters = {"step_n": Interval.about(step, 0.0005 * step)}
@@ -80,16 +81,17 @@ def comb_step(force: Floats) -> float | None:
     return step if float(np.mean(away < _WHOLE)) > 0.95 else None
 
 
-def _saturation(cleaned: Cleaned, step: float | None) -> None:
+def _saturation(cleaned: Cleaned, position_m: Floats, step: float | None) -> None:
     """Marks samples at a flat top or bottom in `cleaned.clipped` and adds the fault; neither where that is
-    over half of the samples. `step`: of a comb of levels, None without one.
+    over half of the samples, nor at rest, where any force is flat. `step`: of a comb of levels, None without
+    one.
     """
     force = cleaned.force_n
     low, high = float(force.min()), float(force.max())
     limits: list[float] = []
     for limit, side in ((high, 1.0), (low, -1.0)):
         at = _piled(force * side, limit * side, step)
-        if at is not None:
+        if at is not None and np.ptp(position_m[at]) > _MOVED * np.ptp(position_m):
             cleaned.clipped |= at
             limits.append(limit)
     if limits and np.mean(cleaned.clipped) > _MOST_CLIPPED:
