@@ -300,6 +300,16 @@ class RecordingRegression:
         """Force less the model's, on the coarse grid."""
         return np.asarray(self.signals.force - self.predicted(fit))
 
+    def rounding_n(self, fit: ModelFit) -> float:
+        """rms in N that the steps of the encoder make of the fit's mass, damper and spring, in the band of the
+        motion: `step^2 / 12` of power, white up to half of the sampling rate.
+        """
+        s, (mass, damping, stiffness) = self.signals, fit.coefficients[: len(BASE)]
+        reach_hz = min(s.motion_reach_hz, s.cutoff_hz)
+        w = 2.0 * np.pi * np.linspace(0.0, reach_hz, 200)
+        gain = np.mean(np.abs(stiffness - w * w * mass + 1j * w * damping) ** 2)
+        return s.step_m * float(np.sqrt(gain * min(1.0, 2.0 * reach_hz / s.even_hz) / 12.0))
+
     def motion(self, model: Model) -> MotionGrid:
         """Motion on the fine grid as the wall sees it, behind the model's plays and contacts; the stage's
         own, the same object, where it has none. The last 8 are kept.

@@ -71,6 +71,7 @@ class Signals:
         starts: first coarse index of each piece.
         even_m, even_hz: the longest piece of the position, evenly sampled, and its rate.
         motion_reach_hz: up to where the position is more than its noise.
+        step_m: of the encoder.
     """
 
     def __init__(self, recording: Recording, force_n: Floats, cutoff_hz: float, unusable: Mask) -> None:
@@ -78,7 +79,7 @@ class Signals:
         self.origin_s = float(recording.time_s[0])
         self.pieces: list[SignalPiece] = []
         self._gains: dict[SignalPiece, Floats] = {}
-        self.motion_reach_hz, self.even_hz = 0.0, 1.0
+        self.motion_reach_hz, self.even_hz, self.step_m = 0.0, 1.0, 0.0
         self.even_m: Floats = np.empty(0)
         self._raw: list[tuple[Spectrum, Spectrum]] = []
         motion: list[tuple[Floats, ...]] = []
@@ -90,9 +91,10 @@ class Signals:
                 continue
             x, f, bad = _uniform(time_s, grid, recording.position_m[piece], force_n[piece], unusable[piece])
             x_spec, f_spec = rfft(_padded(x, grid.padded)), rfft(_padded(f, grid.padded))
+            step_m = _step_m(recording.position_m[piece])
             if len(x) > len(self.even_m):
-                self.even_m, self.even_hz = x, 1.0 / grid.period_s
-            gain = _above_noise(x, x_spec, _step_m(recording.position_m[piece]), grid)
+                self.even_m, self.even_hz, self.step_m = x, 1.0 / grid.period_s, step_m
+            gain = _above_noise(x, x_spec, step_m, grid)
             x_spec *= gain
             self.motion_reach_hz = max(self.motion_reach_hz, float(np.sum(gain)) / grid.span_s)
             self.pieces.append(grid)
