@@ -206,9 +206,27 @@ class PreslidingHysteresis(ForceEffect):
         return (m.through(self.bristle, d, m.exp(-abs(d))),)
 
 
-def _build_ups(extent: Extent) -> list[Shape]:
+def _build_ups(extent: Extent, count: int = 8) -> list[Shape]:
     """Lengths over which a shaft in a path lets go, one part after the other."""
-    return breakaways_m(extent, 0.1, 8)
+    return breakaways_m(extent, 0.1, count)
+
+
+def _parts(fitted: Fitted) -> Values:
+    """Sum of two parts, and the mean of their breakaways by the growth."""
+    growths, forces_n = np.reshape(fitted.coefficients, (2, 2)).T
+    return {
+        "force_per_length_n_m": float(np.sum(growths)), "force_n": float(np.sum(forces_n)),
+        "breakaway_m": float(growths @ np.array(fitted.shape) / max(float(np.sum(growths)), 1e-300)),
+    }  # fmt: skip
+
+
+def _each_part(fitted: Fitted) -> list[Entry]:
+    growths, forces_n = np.reshape(fitted.coefficients, (2, 2)).T.tolist()
+    names = "force_per_length_n_m", "force_n", "breakaway_m"
+    return [
+        entry(PositionDependentFriction, dict(zip(names, part, strict=True)))
+        for part in zip(growths, forces_n, fitted.shape, strict=True)
+    ]
 
 
 class PositionDependentFriction(_AlongDirection):
@@ -244,6 +262,11 @@ class PositionDependentFriction(_AlongDirection):
             form="level", plainer="elastic", coefficients=("force_per_length_n_m", "force_n"),
             mix=((1, 0), (0, 1)), signs=(1, 1), shapes=("breakaway_m",), grid=_build_ups,
             sizes=("force_per_length_n_m",),
+        ),
+        Form(
+            form="two", plainer="level", elements=2, mix=((1, 0), (0, 1)), signs=(1, 1, 1, 1),
+            values=lambda shape: {"breakaway_m": shape[0]}, grid=lambda extent: two(_build_ups(extent, 5)),
+            naming=_parts, sizes=("force_per_length_n_m",), making=_each_part,
         ),
     )  # fmt: skip
 

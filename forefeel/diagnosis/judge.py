@@ -61,11 +61,9 @@ _MUCH_LEFT = 0.2
 _KNOWN_SLOPE = 1.0  # of noise: a steeper one is bounded from above only
 _STROKES = 4  # reversals on each side of a change,
 _NEARLY_ALL = 0.9  # or the lower end of its held-out gain
-_CLEAR_GAIN = 0.1  # lower end of the held-out gain that a cause needs beside structure that has no name
-_ROUNDED, _ROUNDED_LEFT = 6.0, 1.5
-"""Times what the steps of the encoder make on average: at a constant speed they are lines. Of 37 guidewires
-what is there explained 38 times as much and more, and a map over positions that is not there 3.5 times.
-"""
+# lower end of the held-out gain that a cause needs beside structure that has no name, or a second friction
+_CLEAR_GAIN = 0.1
+_ROUNDED = 1.5  # times what the steps of the encoder make on average: at a constant speed they are lines
 _AS_MUCH = 1.15  # times what the best function of one variable leaves, that causes may leave beside structure
 _REMEMBERED = 0.2  # share that the past foretells of what is no noise; first-order noise of 5 Hz leaves 0.08
 # share of the force's variance that the motion explains, above which nobody doubts that it drives the force
@@ -221,7 +219,7 @@ class Judge:
         """
         if any(fault.name == SensorQuantisation.name for fault in self.faults):
             return False
-        if self.residual_n < _ROUNDED_LEFT * self._rounding_n:
+        if self.residual_n < _ROUNDED * self.regression.rounding_n(self.fit):
             return False
         plain = self.regression.residual(self.base)[self.regression.rows]
         left = float(np.mean(self.after**2)) / float(np.mean(plain**2))
@@ -234,11 +232,6 @@ class Judge:
             return True
         matters = not self._noise_is_known and self.residual_n > _OF_FORCE_UNKNOWN * self.force_n
         return matters and self._predicted_share > _FORETOLD_UNKNOWN
-
-    @cached_property
-    def _rounding_n(self) -> float:
-        """rms in N of what the steps of the encoder make."""
-        return self.regression.rounding_n(self.fit)
 
     @property
     def _noise_is_known(self) -> bool:
@@ -363,16 +356,15 @@ class Judge:
         return any(not p.lower <= values[p.name].value <= p.upper for p in bounded)
 
     def _is_weak(self, name: str) -> bool:
-        """True if the cause gains 3 % or less on held-out blocks (lower end), or explains no more than the
-        encoder's steps at a ramp's speed may make; or if its intervals tell nothing:
-        all its sizes may be 0 or are wider than 20 times the value, a ratio may be 1, a frequency may be 0, a
-        mode may have no damping or no peak, or an end is infinite.
-        Also for a change of stiffness at rest with few reversals beside it that gains below 90 %.
+        """True if the cause gains 3 % or less on held-out blocks (lower end), as a second friction, which takes
+        what the first one's course leaves, 10 %; or its intervals tell nothing: all its sizes may be 0 or are
+        wider than 20 times the value, a ratio may be 1, a frequency may be 0, a mode may have no damping or
+        no peak, or an end is infinite. Also for a change of stiffness at rest with few reversals beside it
+        that gains below 90 %.
         """
         _, held_out = self.without[name]
-        if held_out.gain_low <= _AS_GOOD:
-            return True
-        if held_out.rmse_before_n < np.hypot(held_out.rmse_after_n, _ROUNDED * self._rounding_n):
+        rubs = [other for other in self.fit.model if cause_class(other).rubs]
+        if held_out.gain_low <= (_CLEAR_GAIN if name in rubs and len(rubs) > 1 else _AS_GOOD):
             return True
         seldom = name == "stiffness_change:rest" and not self._moved_around(self.fit.model[name][0])
         if seldom and held_out.gain_low < _NEARLY_ALL:

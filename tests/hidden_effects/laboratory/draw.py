@@ -1,6 +1,7 @@
 """Draws a recording: `draw(kind, seed)`; the same arguments give the same recording."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -23,6 +24,7 @@ WORLDS: dict[str, Callable[[Rng], World]] = {
 }
 KINDS = tuple(WORLDS)
 _LATE = "time_delay"
+_SEEN = 1.0  # times the noise, of a ripple over position in the rest
 _LEAST = 0.003  # share of the force below which a part is no part of the truth
 _LINEAR = (("time_s", "position_mm", "force_N"), ("Time (s)", "Displacement (mm)", "Load (N)"),
            ("time_s", "displacement_mm", "load_N"), ("Time [s]", "Position [m]", "Force [N]"))  # fmt: skip
@@ -44,6 +46,8 @@ def recording(kind: str, seed: int, rng: Rng, world: World) -> Recorded:
     runs = _Bench(rng, world, clean_n)
     parts = {_LATE: runs.lateness(), **world.parts[0]}
     truth = _truth(kind, seed, world, parts, clean_n)
+    if world.rest * rest.ripple > _SEEN * world.noise:  # who names it says what is there
+        truth = replace(truth, allowed=(*truth.allowed, "position_map"))
     (first, clean, further), (second, second_clean, second_further) = (
         runs.recorded(rng, rest, run) for run in (0, 1)
     )

@@ -118,6 +118,11 @@ class Rest:
         self._waves = [(travel / rng.uniform(1.5, 40.0), rng.uniform(0.0, 6.3)) for _ in range(3)]
         self._tare = 0.5 if rng.random() < 0.15 else 0.0
 
+    @property
+    def ripple(self) -> float:
+        """Its part that is a map over position, of about the rms of all."""
+        return float(self._shares[1] / np.linalg.norm(self._shares))
+
     def along(self, rng: Rng, m: Motion) -> Array:
         """One run's rest, unit rms."""
         ripple = sum(
