@@ -301,7 +301,7 @@ class RecordingRegression:
         return np.asarray(self.signals.force - self.predicted(fit))
 
     def rounding_n(self, fit: ModelFit) -> float:
-        """rms in N that the encoder's steps make of the fit's mass, damper and spring, in the band of the motion:
+        """rms in N that the encoder makes of the fit's mass, damper and spring, in the motion's band:
         `step^2 / 12` of power, white up to half of the sampling rate.
         """
         s, (mass, damping, stiffness) = self.signals, fit.coefficients[: len(BASE)]
