@@ -357,8 +357,8 @@ class Judge:
 
     def _is_weak(self, name: str) -> bool:
         """True if the cause gains 3 % or less on held-out blocks (lower end), as a second friction, which
-        takes what the first one's course leaves, 10 %; or its intervals tell nothing: all its sizes may be 0 or are
-        wider than 20 times the value, a ratio may be 1, a frequency may be 0, a mode may have no damping or
+        takes what the first one's course leaves, 10 %; or its intervals tell nothing: all sizes may be 0 or
+        are wider than 20 times the value, a ratio may be 1, a frequency may be 0, a mode may have no damping or
         no peak, or an end is infinite. Also for a change of stiffness at rest with few reversals beside it
         that gains below 90 %.
         """
