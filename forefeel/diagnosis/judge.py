@@ -275,7 +275,7 @@ class Judge:
         """
         taken = {base_name(name) for name in self.fit.model}
         groups = []
-        for name in self.fit.model:
+        for name in self._causes_of_model or self.fit.model:  # what a bias may be instead hides no cause
             rivals = [
                 (trial.score, base_name(other))
                 for other, trial in self._replacements(name, taken | no_rivals(name))
@@ -358,8 +358,8 @@ class Judge:
     def _is_weak(self, name: str) -> bool:
         """True if the cause gains 3 % or less on held-out blocks (lower end), as a second friction, which
         takes what the first one's course leaves, 10 %; or its intervals tell nothing: all sizes may be 0 or
-        are wider than 20 times the value, a ratio may be 1, a frequency may be 0, a mode may have no damping or
-        no peak, or an end is infinite. Also for a change of stiffness at rest with few reversals beside it
+        are wider than 20 times the value, a ratio may be 1, a frequency may be 0, a mode may have no damping
+        or no peak, or an end is infinite. Also for a change of stiffness at rest with few reversals beside it
         that gains below 90 %.
         """
         _, held_out = self.without[name]
