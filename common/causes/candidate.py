@@ -26,6 +26,15 @@ Entry = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
+class ColumnExtent:
+    """Name, unit and range of a column that was recorded beside."""
+
+    name: str
+    unit: str
+    extent: float
+
+
+@dataclass(frozen=True, slots=True)
 class Extent:
     """Bandwidth, length and ranges of a recording, from which the bounds of the shape parameters follow."""
 
@@ -38,6 +47,12 @@ class Extent:
     speed_band: float
     low_n: float
     high_n: float
+    further: tuple[ColumnExtent, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns that were recorded beside."""
+        return tuple(column.name for column in self.further)
 
     @property
     def range_m(self) -> float:
@@ -54,13 +69,15 @@ class Extent:
 class Fitted:
     """Coefficients and shape of one cause in a fit, positive force resisting.
 
-    `base`: mass, damping and stiffness of the same fit; `start_s`: stamp from which its times count.
+    `base`: mass, damping and stiffness of the same fit; `start_s`: stamp from which its times count;
+    `column`: the other column that it follows, if it follows one.
     """
 
     coefficients: Array
     shape: Shape
     base: Array
     start_s: float
+    column: str = ""
 
 
 Grid = Callable[[Extent], list[Shape]]

@@ -52,9 +52,10 @@ def refresh(report: Callable[[str], None] = lambda line: None) -> None:
     CANDIDATES.update(installed)
 
 
-def words(name: str) -> str:
+def words(name: str, column: str = "") -> str:
     """Name of a cause in everyday words, by the name of a form; by default that name, without underscores."""
-    return cause_class(name).words or name.replace("_", " ")
+    text = cause_class(name).words or name.replace("_", " ")
+    return text.format(column=column or "another column")
 
 
 def equation(name: str, parameters: Mapping[str, float]) -> tuple[bool, str]:

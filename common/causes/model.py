@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import cast, get_args
 
 from forefeel.common.causes.base import ContactEffect, Effect, ForceEffect, SensorEffect, Site
+from forefeel.common.causes.column import WithColumn
 from forefeel.common.causes.registry import effect_class
 from forefeel.common.causes.runtime import ContactRuntime
 
@@ -18,13 +19,18 @@ class EffectEntry:
     effect: str
     parameters: tuple[tuple[str, float], ...]
     site: Site | None = None
+    column: str = ""
 
     def instance(self) -> Effect:
-        return effect_class(self.effect)(**dict(self.parameters))
+        effect = effect_class(self.effect)(**dict(self.parameters))
+        if isinstance(effect, WithColumn):
+            effect.column = self.column
+        return effect
 
     def to_mapping(self) -> dict[str, object]:
         site = {} if self.site is None else {"site": self.site}
-        return {"effect": self.effect, **site, "parameters": dict(self.parameters)}
+        column = {"column": self.column} if self.column else {}
+        return {"effect": self.effect, **site, **column, "parameters": dict(self.parameters)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +61,11 @@ class ContactModel:
             raise ValueError(f"effects[{contacts[1]}].effect: a second contact effect, expected at most one")
         return cls(name, entries)
 
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """Columns that its effects follow beside the motion."""
+        return tuple(dict.fromkeys(entry.column for entry in self.effects if entry.column))
+
     def to_mapping(self) -> dict[str, object]:
         effects = [entry.to_mapping() for entry in self.effects]
         return {"schema": SCHEMA, "name": self.name, "effects": effects}
@@ -83,12 +94,16 @@ def _fields(
 
 
 def _entry(value: object, place: str) -> EffectEntry:
-    fields = _fields(value, place, required=("effect",), optional=("site", "parameters"))
+    fields = _fields(value, place, required=("effect",), optional=("site", "column", "parameters"))
     kind = _kind(fields["effect"], f"{place}.effect")
     site = _site(fields.get("site"), kind, f"{place}.site")
     where = f"{place}.parameters"
     parameters = kind.complete(_mapping(fields.get("parameters", {}), where), where)
-    return EffectEntry(kind.name, tuple(parameters.items()), site)
+    column = fields.get("column", "")
+    if issubclass(kind, WithColumn) != bool(column) or not isinstance(column, str):
+        expected = "the name of a column" if issubclass(kind, WithColumn) else "none"
+        raise ValueError(f"{place}.column = {column!r}: expected {expected}")
+    return EffectEntry(kind.name, tuple(parameters.items()), site, column)
 
 
 def _kind(name: object, place: str) -> type[Effect]:

@@ -9,9 +9,9 @@ through each piece from rest, and neither sees nor changes what it remembers of 
 import math
 import operator
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any, ClassVar, Self, TypeAlias
 
@@ -32,7 +32,8 @@ Value: TypeAlias = Any
 class MotionSample:
     """Stamp in s, motion in m, m/s, m/s^2 at the end of a step of dt in s."""
 
-    __slots__ = ("a", "dt", "t", "v", "x")
+    __slots__ = ("a", "dt", "further", "t", "v", "x")
+    further: Mapping[str, float]
     rate: float
     exp = math.exp
     expm1 = math.expm1
@@ -46,6 +47,7 @@ class MotionSample:
 
     def __init__(self, t: float, x: float, v: float, a: float, dt: float) -> None:
         self.t, self.x, self.v, self.a, self.dt = t, x, v, a, dt
+        self.further = {}
 
     @property
     def depth(self) -> float:
@@ -92,7 +94,7 @@ class Motion:
     """A recorded motion, arrays of shape (n,); its members are those of `MotionSample`.
 
     `dt`: the interval before each stamp, 0 before the first, where every effect is at rest. `pieces`:
-    stretches, in each of which memories begin anew.
+    stretches, in each of which memories begin anew. `further`: what was measured beside, by its name.
     """
 
     t: Array
@@ -101,6 +103,7 @@ class Motion:
     a: Array
     dt: Array
     pieces: tuple[slice, ...] = (slice(None),)
+    further: Mapping[str, Array] = field(default_factory=dict)
 
     exp = staticmethod(np.exp)
     expm1 = staticmethod(np.expm1)
@@ -118,7 +121,8 @@ class Motion:
         """Some of its samples, as one piece."""
         of = {f.name: getattr(self, f.name) for f in fields(self) if f.name != "pieces"}
         some = {name: values[rows] for name, values in of.items() if isinstance(values, np.ndarray)}
-        return replace(self, **some, pieces=(slice(None),))
+        beside = {name: values[rows] for name, values in self.further.items()}
+        return replace(self, **some, pieces=(slice(None),), further=beside)
 
     @property
     def rate(self) -> Array:
@@ -231,6 +235,20 @@ class PrandtlElement(Memory):
     @staticmethod
     def run(u: Array) -> Array:
         return loop("prandtl_element", u)
+
+
+class Increment(Memory):
+    """`u - u_before`, 0 at the first."""
+
+    start = None
+
+    def step(self, u: float) -> Value:
+        before, self.value = self.value, u
+        return 0.0 if before is None else u - before
+
+    @staticmethod
+    def run(u: Array) -> Array:
+        return np.diff(u, prepend=u[:1])
 
 
 class Bristle(Memory):

@@ -16,6 +16,7 @@ import numpy as np
 
 from forefeel.common.causes import (
     capstan,
+    column,
     damping,
     friction,
     periodic,
@@ -49,6 +50,7 @@ OWN: dict[str, type[Effect]] = {
         sensor.SensorDrift, sensor.SensorLag, sensor.SensorQuantisation, sensor.SensorSaturation,
         sensor.SensorSpikes, wall.Stiffening, wall.StiffnessChange, wall.StressRelaxation,
         friction.StribeckFriction, sensor.TimeDelay, unmodelled_resonance.UnmodelledResonance,
+        column.WithColumn,
     )
 }  # fmt: skip
 

@@ -10,12 +10,13 @@ _MISPLACED = 100  # intervals by which a row may come too late, and is put in it
 _APART_S = 10.0 * GAP_S  # between two runs that stand behind one another
 
 
-def clean(time_s: Array, values: Array) -> tuple[Array, Array, list[str]]:
+def clean(time_s: Array, values: Array, needed: int) -> tuple[Array, Array, list[str]]:
     """Stamps that increase, the rows of them, and what was done to get there, in words.
 
     Args:
         time_s: shape (n,), NaN where it is missing.
         values: shape (columns, n), the same.
+        needed: the first so many columns are; a number that another one lacks costs no row.
 
     In turn: rows without one of the numbers are dropped; rows that say the same twice in a row, too; rows
     that came up to 100 intervals late are put in their place; where the time goes back further, another run
@@ -23,10 +24,10 @@ def clean(time_s: Array, values: Array) -> tuple[Array, Array, list[str]]:
     next one.
     """
     done: list[str] = []
-    whole = np.isfinite(time_s) & np.isfinite(values).all(axis=0)
+    whole = np.isfinite(time_s) & np.isfinite(values[:needed]).all(axis=0)
     time_s, values = _selected(time_s, values, whole, "for a missing number", done)
     if len(time_s) > 1:
-        same = (np.diff(time_s) == 0.0) & (np.diff(values) == 0.0).all(axis=0)
+        same = (np.diff(time_s) == 0.0) & (np.diff(values[:needed]) == 0.0).all(axis=0)
         time_s, values = _selected(time_s, values, np.append(True, ~same), "as duplicates", done)
     time_s, values = _ordered(time_s, values, done)
     return _spread(time_s, done), values, done

@@ -5,7 +5,7 @@ from collections.abc import Mapping as NamedUnits
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from forefeel.common.recording.units import QUANTITIES, Quantity, unit_of
+from forefeel.common.recording.units import QUANTITIES, TO_SI, Quantity, is_temperature, si_of, unit_of
 
 _ANGLE, _TORQUE = "q|angle|theta|winkel", "[a-z]?torque|tau|moment|drehmoment"
 _WORDS: dict[Quantity, str] = {
@@ -28,6 +28,7 @@ _DERIVATIVE = _any_of("[a-z]?d{1,2}[qx]|vel|velocity|speed|acc|acceleration|dot"
 """Speed and acceleration, which are none of the three; `v` and `a` are where they are the whole name."""
 _BRACKETED = re.compile(r"(.*?)[\s_]*[\[(]([^\])]*)[\])]\s*")
 _SUFFIXED = re.compile(r"(.*?)(?:_|\s+in\s+|\s*/\s*|\s*,\s*|\s+)([^\s_/,]+)\s*")
+_PATTERNS_OF_UNIT = _BRACKETED, _SUFFIXED
 _CANONICAL: dict[Quantity, str] = {"time": "time_s", "position": "position_m", "force": "force_n"}
 
 
@@ -68,6 +69,26 @@ def undecided(names: Sequence[str], units: NamedUnits[str, str], quantity: Quant
     ]
 
 
+def further(names: Sequence[str], units: NamedUnits[str, str]) -> list[tuple[str, str, float]]:
+    """(column, SI unit, factor to it) of each that states a unit of length, angle, force, torque or
+    temperature (taken for Celsius: no force has to do with its zero), and is no derivative.
+    """
+    stated = []
+    for name in names:
+        if is_derivative(name):
+            continue
+        for quantity in QUANTITIES[1:]:
+            unit = unit_of(quantity, units.get(name, "")) or split_unit(name, quantity)[1]
+            if unit is not None:
+                stated.append((name, si_of(quantity, unit), TO_SI[quantity][unit]))
+                break
+        else:
+            parts = [units.get(name, ""), *(m[2] for p in _PATTERNS_OF_UNIT if (m := p.fullmatch(name)))]
+            if any(map(is_temperature, parts)):
+                stated.append((name, "degC", 1.0))
+    return stated
+
+
 def is_derivative(name: str) -> bool:
     return name.lower() in {"v", "a"} or _DERIVATIVE.search(name.lower()) is not None
 
@@ -79,7 +100,7 @@ def is_rotary(name: str) -> bool:
 
 def split_unit(name: str, quantity: Quantity) -> tuple[str, str | None]:
     """`Force (mN)`, `force_mn`, `F / mN`: (force, mN); None: it names no unit of the quantity."""
-    for pattern in _BRACKETED, _SUFFIXED:
+    for pattern in _PATTERNS_OF_UNIT:
         match = pattern.fullmatch(name)
         if match is not None and (unit := unit_of(quantity, match[2])) is not None:
             return match[1], unit

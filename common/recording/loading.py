@@ -1,6 +1,7 @@
 """Recordings from files as people have them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -9,9 +10,9 @@ import numpy as np
 from forefeel.common.errors import ConfigurationError, RecordingError, UnclearError
 from forefeel.common.recording import array_tables
 from forefeel.common.recording.cleaning import clean
-from forefeel.common.recording.columns import Choice, candidates, is_rotary, undecided
+from forefeel.common.recording.columns import Choice, candidates, further, is_rotary, undecided
 from forefeel.common.recording.mcap_reader import Run
-from forefeel.common.recording.recording import Array, Recording
+from forefeel.common.recording.recording import Array, Column, Recording
 from forefeel.common.recording.ros_table import RosTable
 from forefeel.common.recording.text_table import TextTable
 from forefeel.common.recording.units import QUANTITIES, TO_SI, Mapping, Quantity
@@ -127,17 +128,46 @@ def recording_of(
     head of error texts. The time keeps its origin, but stamps since 1970 begin at 0.
     """
     chosen = _chosen(source, table, mapping or Mapping(), force)
-    numbers = table.read([column for column, _ in chosen.values()])
+    taken = [column for column, _ in chosen.values()]
+    numbers = table.read(taken)
     factors = [TO_SI[quantity][unit] for quantity, (_, unit) in chosen.items()]
     time_s = (numbers[0] - _first(numbers[0])) * factors[0]
     values = np.array([column * factor for column, factor in zip(numbers[1:], factors[1:], strict=True)])
-    time_s, values, done = clean(time_s, values)
+    beside = _further(table, taken, taken[-1])
+    values = np.vstack([values, *(column.values for column in beside)])
+    time_s, values, done = clean(time_s, values, len(chosen) - 1)
     if len(time_s) < 2:
         notes = "".join(f"; {note}" for note in done)
         raise RecordingError(f"{source}: {len(time_s)} sample(s){notes}, expected at least 2")
     columns = {quantity: f"{unit}:{column}" for quantity, (column, unit) in chosen.items()}
-    force_n = values[1] if len(values) > 1 else None
-    return Recording(name, time_s, values[0], force_n, source, columns, (*table.notes, *done))
+    force_n = values[1] if len(chosen) > 2 else None
+    noted = tuple(dict.fromkeys((*table.notes, *done)))
+    others = []
+    for column, row in zip(beside, values[len(chosen) - 1 :], strict=True):
+        known = np.isfinite(row)
+        if np.mean(known) > _KNOWN:
+            others.append(replace(column, values=np.interp(time_s, time_s[known], row[known])))
+    return Recording(name, time_s, values[0], force_n, source, columns, noted, tuple(others))
+
+
+_MOST_FURTHER = 8  # columns that are kept beside: a wide table costs no more memory
+_KNOWN = 0.9  # share of its numbers that such a column needs
+
+
+def _further(table: Table, taken: Collection[str], beside: str) -> list[Column]:
+    """Columns besides those that are taken which state a unit, are numbers and change, at the stamps of the
+    column `beside`.
+    """
+    stated = further([name for name in table.names if name not in taken], table.units)[:_MOST_FURTHER]
+    if not stated:
+        return []
+    try:
+        *read, _ = table.read([*(name for name, _, _ in stated), beside])
+    except RecordingError:
+        return []  # a fault in what nobody asked for
+    pairs = zip(stated, read, strict=True)
+    columns = [Column(name, unit, values * factor) for (name, unit, factor), values in pairs]
+    return [c for c in columns if np.isfinite(c.values).any() and np.nanstd(c.values) > 0.0]
 
 
 def _first(values: Array) -> float:

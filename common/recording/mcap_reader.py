@@ -18,7 +18,7 @@ from pydantic import TypeAdapter, ValidationError
 from forefeel.common.errors import RecordingError
 from forefeel.common.messages import Message
 from forefeel.common.recording.mcap_records import RecordReader
-from forefeel.common.recording.recording import Recording, opened
+from forefeel.common.recording.recording import Column, Recording, opened
 from forefeel.common.topics import FORCE, MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT, Topic, parse_key
 
 M = TypeVar("M", bound=Message)
@@ -132,7 +132,7 @@ class Run:
         """Readback and measured force of the valid force samples, by the slave's stamps, in s from the first.
 
         Samples that arrived late are put in their place, doubled ones dropped. `axis` may be left out when
-        there is only one.
+        there is only one; the positions of others stand beside it.
 
         Raises:
             RecordingError: fewer than 2 valid samples, no such axis, or several to choose from.
@@ -147,7 +147,18 @@ class Run:
             position_m=self.column(axis, FORCE, "position_m")[chosen],
             force_n=self.column(axis, FORCE, "force_n")[chosen],
             source=f"{self.path}: axis {axis}",
+            further=tuple(self._positions(axis, stamps_ns)),
         )
+
+    def _positions(self, axis: str, stamps_ns: NDArray[np.int64]) -> Iterator[Column]:
+        """Yields the positions of the other axes that move, at these stamps."""
+        for other in self.axes:
+            at, first = np.unique(self.column(other, FORCE, "stamp_ns"), return_index=True)
+            if other != axis and len(at):
+                read_m = self.column(other, FORCE, "position_m")[first]
+                values_m = np.interp(stamps_ns - at[0], at - at[0], read_m)
+                if np.ptp(values_m) > 0.0:
+                    yield Column(other, "m", values_m)
 
     def impairment_trace(self, topic: str, link: str) -> tuple[tuple[int, ...], ...]:
         """The delays in ns of each message that passed `link`, by arrival; empty when it was not impaired. A

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -48,12 +48,21 @@ def unpacked(path: Path, decompressor: Callable[[], Any], packed: bytes) -> byte
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Column:
+    """A further measured column, shape (n,): its name, its unit (rad, m, N, N m, degC), its values in it."""
+
+    name: str
+    unit: str
+    values: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Recording:
     """Position in m and force in N (None: not measured) at the stamps `time_s`.
 
     All are float64, shape (n,), n >= 2, finite and read-only. Time increases strictly, its origin is free.
     `source` says where the samples come from, `columns` from which columns, each as `unit:column`, and
-    `notes` what was left out or changed.
+    `notes` what was left out or changed. `further`: what was measured beside, such as another axis.
 
     Raises:
         RecordingError: shapes that differ, fewer than 2 samples, a value that is not finite, time that
@@ -67,6 +76,7 @@ class Recording:
     source: str
     columns: Mapping[Quantity, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    further: tuple[Column, ...] = ()
 
     def __post_init__(self) -> None:
         columns = {"time_s": self.time_s, "position_m": self.position_m}
@@ -74,7 +84,15 @@ class Recording:
             columns["force_n"] = self.force_n
         for column, values in columns.items():
             object.__setattr__(self, column, _frozen(values))
-        check_samples(columns, self.source, lambda index: f"{self.source}: sample {index}")
+        beside = {column.name: column.values for column in self.further}
+        check_samples({**columns, **beside}, self.source, lambda index: f"{self.source}: sample {index}")
+
+    def cut(self, part: slice | NDArray[np.bool_]) -> "Recording":
+        """Some of its samples."""
+        columns = {key: getattr(self, key) for key in ("time_s", "position_m", "force_n")}
+        some = {key: values[part] for key, values in columns.items() if values is not None}
+        beside = tuple(replace(column, values=column.values[part]) for column in self.further)
+        return replace(self, **some, further=beside)
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -83,7 +101,8 @@ class Recording:
     def taken(self) -> str:
         """In one line what was taken for what; empty where the file says it itself."""
         columns = ", ".join(f"{quantity} {text}" for quantity, text in self.columns.items())
-        return "; ".join(filter(None, (columns, *self.notes)))
+        beside = ", ".join(column.name for column in self.further)
+        return "; ".join(filter(None, (columns, beside and f"beside {beside}", *self.notes)))
 
     @property
     def rotary(self) -> bool:

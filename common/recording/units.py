@@ -44,9 +44,25 @@ def unit_of(quantity: Quantity, text: str) -> str | None:
     return exact or _OTHER_WORDS[quantity].get(word.lower()) or units.get(word.lower())
 
 
+_ANGLES = {"rad", "deg", "turn"}
+_TORQUES = {"Nm", "mNm", "Ncm"}
+_TEMPERATURES = {"K", "kelvin", "degC", "°C", "celsius"}
+
+
 def is_angle(column: str) -> bool:
     """True if the unit of a `unit:column` is one of an angle."""
-    return column.partition(":")[0] in {"rad", "deg", "turn"}
+    return column.partition(":")[0] in _ANGLES
+
+
+def si_of(quantity: Quantity, unit: str) -> str:
+    """SI unit of a position (m, rad), a force (N, N m) or a time (s) in that unit."""
+    if quantity == "position":
+        return "rad" if unit in _ANGLES else "m"
+    return "s" if quantity == "time" else "N m" if unit in _TORQUES else "N"
+
+
+def is_temperature(text: str) -> bool:
+    return text.strip(" []()") in _TEMPERATURES
 
 
 def parse_column(quantity: Quantity, text: str) -> tuple[str, str]:

@@ -17,7 +17,7 @@ from forefeel.diagnosis.noise import LEAST_CORNER_HZ, Noise, NoiseFloor, autoreg
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.search import ADD, Search
 from forefeel.diagnosis.sensor_faults import Cleaned, clean
-from forefeel.diagnosis.signals import Signals, cutoff_hz, speed_band_m_s
+from forefeel.diagnosis.signals import Signals, cutoff_hz, independent, speed_band_m_s
 from forefeel.diagnosis.verdict import Cause
 
 Progress = Callable[[str], None]
@@ -153,6 +153,7 @@ def analyse(
         RecordingError: too few samples in a row, or fewer than 50 that can be compared.
     """
     progress("sensor")
+    recording = independent(recording)
     cleaned = clean(recording)
     regression = conditioned(recording, cleaned, parts_s)
     signals = regression.signals

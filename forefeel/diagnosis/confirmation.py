@@ -19,10 +19,10 @@ from forefeel.common.causes.wall import StiffnessChange
 from forefeel.common.error_size import Floats, rms
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.analysis import in_band_n
+from forefeel.diagnosis.analysis import Analysis, in_band_n
 from forefeel.diagnosis.diagnose import Diagnosed, check
 from forefeel.diagnosis.expected_gain import less_own, noise_share, parameter_errors, powers
-from forefeel.diagnosis.long_recording import cut, is_long, liveliest, stretch_s
+from forefeel.diagnosis.long_recording import is_long, liveliest, stretch_s
 from forefeel.diagnosis.noise import noise_floor
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.residual import predictable_share
@@ -82,7 +82,8 @@ def confirm(diagnosed: Diagnosed, recording: Recording) -> Replay:
     diagnosis, analysis, name = diagnosed.diagnosis, diagnosed.analysis, recording.name
     analysis = analysis if diagnosis.causes else analysis.baseline()
     if is_long(recording):
-        recording = cut(recording, liveliest(recording, stretch_s(recording)))
+        recording = recording.cut(liveliest(recording, stretch_s(recording)))
+    _require_columns(recording, analysis)
     cleaned, here, cutoff_hz = clean(recording), analysis.regression, analysis.regression.signals.cutoff_hz
     if recording.rate_hz < (least_hz := cutoff_hz / _WIDEST):
         place = f"{recording.source}: {recording.rate_hz:.4g} Hz"
@@ -115,6 +116,15 @@ def confirm(diagnosed: Diagnosed, recording: Recording) -> Replay:
         tuple(caution for caution, true in cautions.items() if true and verdict == "confirmed"),
     )  # fmt: skip
     return Replay(confirmation, there.signals.t[rows], force_n, force_n - before_n, force_n - after_n)
+
+
+def _require_columns(recording: Recording, analysis: Analysis) -> None:
+    """Raises RecordingError where the model follows a column that the recording lacks."""
+    names = map(analysis.regression.column_of, analysis.fit.model)
+    for name in set(names) - {"", *(column.name for column in recording.further)}:
+        raise RecordingError(
+            f"{recording.source}: no column {name!r}, expected the one that the model follows"
+        )
 
 
 def _at_its_instant(there: RecordingRegression, fit: ModelFit) -> ModelFit:

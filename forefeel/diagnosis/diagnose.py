@@ -170,6 +170,7 @@ def _joined(recordings: Sequence[Recording]) -> tuple[Recording, tuple[float, ..
     if not more:
         return first, ()
     stamps, parts_s, now_s = [], [], 0.0
+    shared = [c for c in first.further if all(c.name in {d.name for d in r.further} for r in more)]
     for recording in recordings:
         if not 1.0 / _ALIKE < recording.rate_hz / first.rate_hz < _ALIKE:
             raise RecordingError(
@@ -186,5 +187,12 @@ def _joined(recordings: Sequence[Recording]) -> tuple[Recording, tuple[float, ..
         np.concatenate([r.force_n for r in recordings if r.force_n is not None]),
         ", ".join(r.source for r in recordings),
         first.columns,
+        further=tuple(
+            replace(
+                c,
+                values=np.concatenate([d.values for r in recordings for d in r.further if d.name == c.name]),
+            )
+            for c in shared
+        ),
     )
     return whole, tuple(parts_s[1:])

@@ -22,6 +22,7 @@ from scipy.fft import irfft, rfft
 
 from forefeel.common.causes.catalogue import CANDIDATES, cause_class
 from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Column
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.residual import predictable_share
@@ -131,10 +132,11 @@ def _along_other_motions(regression: RecordingRegression, rng: Generator) -> Ite
     signals = regression.signals
     piece = max(signals.piecewise(), key=lambda p: p.stop - p.start)
     inside = np.flatnonzero(signals.recorded[piece]) + piece.start
-    t = signals.fine_t[inside]
-    t, x = t[t <= t[0] + _LONGEST_S], signals.fine_x[inside][t <= t[0] + _LONGEST_S]
+    inside = inside[signals.fine_t[inside] <= signals.fine_t[inside[0]] + _LONGEST_S]
+    t, x = signals.fine_t[inside], signals.fine_x[inside]
+    further = tuple(Column(n, signals.units[n], u[inside]) for n, u in signals.fine_further.items())
     for path in _other_paths(t, x, rng):
-        other = Signals.of_motion(t + signals.origin_s, path, signals.cutoff_hz)
+        other = Signals.of_motion(t + signals.origin_s, path, signals.cutoff_hz, further)
         if other is None:
             continue
         other.moved_to(signals.origin_s)

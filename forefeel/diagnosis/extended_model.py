@@ -4,6 +4,8 @@ Times are the recording's own stamps. Where the recording shows the reaction the
 resists.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from forefeel.common.causes.candidate import Entry, Fitted, entry
@@ -36,7 +38,8 @@ def extended_model(analysis: Analysis, name: str) -> ContactModel:
     effects = _base(fit, *map(float, base))
     for form, shape in fit.model.items():
         coefficients = fit.of(form) * regression.sense
-        effects += CANDIDATES[form].entries(Fitted(coefficients, shape, base, regression.signals.origin_s))
+        start_s, column = regression.signals.origin_s, regression.column_of(form)
+        effects += CANDIDATES[form].entries(Fitted(coefficients, shape, base, start_s, column))
     effects += [
         entry(OWN[fault.name], {key: interval.value for key, interval in fault.parameters.items()})
         for fault in analysis.faults
@@ -50,19 +53,25 @@ def simulated_n(model: ContactModel, recording: Recording) -> Floats:
     without gaps is a new contact; one too short to be conditioned is derived by differences.
 
     Raises:
-        ConfigurationError: the force is not finite.
+        ConfigurationError: the force is not finite, or the recording lacks a column that it follows.
     """
+    for column in set(model.columns) - {column.name for column in recording.further}:
+        place = f"{recording.source}: no column {column!r}"
+        raise ConfigurationError(f"{place}, expected the one that model {model.name!r} follows")
     force_n = np.empty(len(recording))
     for piece in gapless(recording):
-        t, x = recording.time_s[piece], recording.position_m[piece]
-        signals = Signals.of_motion(t, x, WIDEST * recording.rate_hz)
+        part = recording.cut(piece)
+        t, x = part.time_s, part.position_m
+        signals = Signals.of_motion(t, x, WIDEST * recording.rate_hz, part.further)
         if signals is None:
             v = np.gradient(x, t) if len(t) > 1 else np.zeros_like(x)
-            force_n[piece] = model.runtime().forces_n(Motion.of(t, x, v, np.zeros_like(x)))
+            beside = {column.name: column.values for column in part.further}
+            motion = replace(Motion.of(t, x, v, np.zeros_like(x)), further=beside)
+            force_n[piece] = model.runtime().forces_n(motion)
             continue
         reach_hz = min(2.0 * signals.cutoff_hz, signals.motion_reach_hz)
-        motion = motion_grid(signals, speed_band_m_s(signals.even_m, signals.even_hz, reach_hz))
-        force_n[piece] = np.interp(t, motion.t + t[0], forces_along(model, motion, float(t[0])))
+        grid = motion_grid(signals, speed_band_m_s(signals.even_m, signals.even_hz, reach_hz))
+        force_n[piece] = np.interp(t, grid.t + t[0], forces_along(model, grid, float(t[0])))
     for index in np.flatnonzero(~np.isfinite(force_n))[:1]:
         raise ConfigurationError(
             f"model {model.name!r}: gives {force_n[index]} N at {recording.time_s[index]:g} s, expected a "

@@ -23,7 +23,7 @@ _LAGS_S = 0.03, 0.1, 0.3, 1.0
 _LEAST_SHARE = 0.15  # of the residual's variance: a variable that explains less is not told
 _MOST_TOLD = 3
 _AS_GOOD = 1.15  # times what the best variable leaves: a simpler one that leaves no more is told first
-_HALF = 0.5  # of what any other leaves, that time has to leave: it imitates whatever is slow
+_HALF = 0.5  # of what any other leaves, that time or a further column has to leave: they imitate what is slow
 _LEAST_CYCLES = 3.0  # of a rhythm
 _OF_TIME = "time", "rate varies"  # variables that noise with a memory follows, too
 _WITH_DEPTH = "that grows with depth"
@@ -70,6 +70,9 @@ class Leftover:
             "position times speed": lambda: _products(x, v),
             "speed times acceleration": lambda: _products(v, a),
         }
+        for name, c in m.further.items():
+            for variable, u in ((name, c), (f"speed of {name}", np.gradient(c, m.t))):
+                tables[variable] = partial(_bumps, u, _knots(u, 12))
         force = self.regression.predicted(self.fit)
         made: dict[str, Columns] = {name: partial(self._as_measured, table) for name, table in tables.items()}
         return {**made, "size of the force": lambda: np.column_stack(_bumps(force, _knots(force, 12)))}
@@ -200,9 +203,10 @@ class Leftover:
             for name, (count, held) in self._gains.items()
             if _share(held) > _LEAST_SHARE and held.gain_low > 0.0
         ]
-        others = max((f.share for _, f in clear if f.variable != "time"), default=0.0)
-        slow = 1.0 - _HALF * (1.0 - others)
-        clear = [(count, f) for count, f in clear if f.variable != "time" or f.share > slow]
+        slow = {"time", *self.regression.extent.names}
+        others = max((f.share for _, f in clear if f.variable not in slow), default=0.0)
+        needed = 1.0 - _HALF * (1.0 - others)
+        clear = [(count, f) for count, f in clear if f.variable not in slow or f.share > needed]
         if not clear:
             return ()
         left = 1.0 - max(f.share for _, f in clear)

@@ -203,7 +203,11 @@ class Judge:
         return name is None or among_the_strokes or cause_class(name).bends
 
     def _not_driven(self) -> bool:
-        """True if the force's own past predicts it clearly better than the motion does."""
+        """True if the force's own past predicts it clearly better than the motion does, and no other column
+        explains it.
+        """
+        if any(map(self.regression.column_of, self.fit.model)):
+            return False
         explained = 1.0 - (self.residual_n / self.force_n) ** 2
         if max(explained, self.regression.look.explained) > _DRIVEN:
             return False
@@ -413,7 +417,8 @@ class Judge:
         variance, sizes = self.fit.rss / self.fit.n, {}
         for name in self.search.names:
             candidate = CANDIDATES[name]
-            if name in self.fit.model or candidate.shapes or len(candidate.coefficients) != 1:
+            there = name not in self.fit.model and candidate.grid(self.regression.extent)
+            if not there or candidate.shapes or len(candidate.coefficients) != 1:
                 continue
             column = self.regression.design({name: ()})[:, len(BASE) :]
             power = float(np.sum((column - known @ (known.T @ column)) ** 2))
@@ -439,7 +444,8 @@ class Judge:
             f"held-out blocks by {100 * held_out.gain:.0f} % "
             f"({100 * held_out.gain_low:.0f} to {100 * held_out.gain_high:.0f} %)"
         )
-        return Cause.fitted(plain, significant(self.parameters[plain]), likelihood, held_out, words)
+        sizes, column = significant(self.parameters[plain]), self.regression.column_of(name)
+        return Cause.fitted(plain, sizes, likelihood, held_out, words, column)
 
     def _diagnosis(
         self,

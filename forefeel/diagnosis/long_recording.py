@@ -33,11 +33,6 @@ from forefeel.diagnosis.signals import MOST_ROWS, Mask, Signals, cutoff_hz, gapl
 from forefeel.diagnosis.verdict import Cause, Interval
 
 
-def cut(recording: Recording, part: slice | Mask) -> Recording:
-    columns = {key: getattr(recording, key)[part] for key in ("time_s", "position_m", "force_n")}
-    return replace(recording, **columns)
-
-
 def chunks_of(recording: Recording, length_s: float) -> list[slice]:
     """Cuts a recording into chunks of about that length, none across a gap; leaves out those below 3 s."""
     chunks = []
@@ -58,7 +53,7 @@ def cleaned_everywhere(recording: Recording, chunks: list[slice]) -> tuple[Recor
     force_n, unusable = recording.force_n, np.zeros(len(recording), dtype=np.bool_)
     by_name: dict[str, list[tuple[Cause, float]]] = defaultdict(list)
     for chunk in chunks:
-        part = cut(recording, chunk)
+        part = recording.cut(chunk)
         cleaned = clean(part)
         unusable[chunk] = cleaned.clipped
         if not np.array_equal(cleaned.force_n, recording.force_n[chunk]):
@@ -128,7 +123,7 @@ def stretch_s(recording: Recording) -> float:
     """
     count = int(min(_PROBE_S * recording.rate_hz, len(recording)))
     middle = (len(recording) - count) // 2
-    fast_s = _with_most_rows_s(cut(recording, slice(middle, middle + count)))
+    fast_s = _with_most_rows_s(recording.cut(slice(middle, middle + count)))
     return min(max(_STRETCH_S, _STRETCH_SAMPLES / recording.rate_hz), fast_s)
 
 
@@ -228,7 +223,7 @@ class Whole:
         """
         like = analysis.regression
         for number, chunk in enumerate(self.chunks):
-            part = cut(self.recording, chunk)
+            part = self.recording.cut(chunk)
             assert part.force_n is not None
             try:
                 signals = Signals(part, part.force_n, like.signals.cutoff_hz, self.unusable[chunk])
@@ -241,7 +236,7 @@ class Whole:
 
     def _analysed(self, rows: Mask) -> Analysis:
         """Analyses the samples of a mask as one recording with gaps."""
-        part = cut(self.recording, rows)
+        part = self.recording.cut(rows)
         late_s = float(part.time_s[0] - self.recording.time_s[0])
         parts_s = tuple(part_s - late_s for part_s in self.parts_s)
         return analyse(part, self.progress, self.names, parts_s)

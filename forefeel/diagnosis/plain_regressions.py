@@ -90,7 +90,9 @@ def strokes(signals: Signals, motion: MotionGrid, look: Look) -> tuple[Floats, F
 
 
 class _Band:
-    """Columns and force of the rows that count, through one more filter, cut into blocks."""
+    """Columns and force of the rows that count, through one more filter, cut into blocks; both without what
+    goes with the further columns of the recording.
+    """
 
     def __init__(self, signals: Signals, columns: dict[str, list[Spectrum]], gain: Floats | float) -> None:
         rows = signals.rows
@@ -102,6 +104,9 @@ class _Band:
         force = signals.column(signals.force_spectrum() * gain)[rows]
         self.force = force - force.mean()
         table -= table.mean(axis=0)
+        beside = _beside(signals, gain)[rows]
+        known, _ = np.linalg.qr(beside - beside.mean(axis=0))
+        self.force, table = (u - known @ (known.T @ u) for u in (self.force, table))
         self._table = table / np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-300)
         self._blocks = np.array_split(np.arange(len(force)), _BLOCKS)
 
@@ -154,6 +159,22 @@ def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
         "relaxation": [signals.spectrum(motion.x - lagging) for lagging in settled],
         "stiffening": [signals.spectrum(sign * depth**power) for power in (2, 3) for sign in (1.0, -1.0)],
     }
+
+
+def _beside(signals: Signals, gain: Floats | float) -> Floats:
+    """The further columns on the coarse grid, with sine and cosine of an angle, and the directions in which
+    they move; shape (coarse samples, columns).
+    """
+    table: list[Floats] = []
+    for name, c in signals.fine_further.items():
+        table += [
+            c,
+            np.sign(np.gradient(c)),
+            *([np.sin(c), np.cos(c)] if signals.units[name] == "rad" else []),
+        ]
+    if not table:
+        return np.empty((len(signals.t), 0))
+    return signals.column(signals.spectrum(np.array(table)) * gain).T
 
 
 def _high_pass(signals: Signals) -> tuple[float, Floats]:

@@ -11,7 +11,7 @@ from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import prepare
 from forefeel.diagnosis.evaluation.methods import METHODS, MethodTrace, replay
 from forefeel.diagnosis.evaluation.score import completed
-from forefeel.diagnosis.long_recording import cut, liveliest
+from forefeel.diagnosis.long_recording import liveliest
 
 DELAY_S = 0.3
 _LONGEST = 20_000  # samples that are replayed
@@ -43,7 +43,7 @@ def across_delay(recording: Recording, extended: ContactModel) -> Across:
     """
     start_s = recording.time_s[0]
     if len(recording) > _LONGEST:
-        recording = cut(recording, liveliest(recording, _LONGEST / recording.rate_hz))
+        recording = recording.cut(liveliest(recording, _LONGEST / recording.rate_hz))
     prepared = prepare(recording, DelayedLink(DELAY_S, 0.0, 0.0, 0))
     before, after = (
         replay(recording, prepared.arrivals, METHODS["forefeel"](model)) for model in (None, extended)

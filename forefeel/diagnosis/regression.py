@@ -30,6 +30,7 @@ from forefeel.common.causes.candidate import (
     base_name,
 )
 from forefeel.common.causes.catalogue import CANDIDATES, cause_class
+from forefeel.common.causes.column import OfColumn
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.motion import MotionGrid
 from forefeel.common.causes.numerics import intervals_s
@@ -187,6 +188,9 @@ class RecordingRegression:
         """Regression of the same bench along another motion, with this one's band, noise, extent and look."""
         other = RecordingRegression(signals, self.extent.speed_band, look_result=self.look)
         other.extent = self.extent
+        of, nowhere = other._motion.further, np.zeros_like(other._motion.x)
+        beside = {column.name: of.get(column.name, nowhere) for column in self.extent.further}
+        other._motion = replace(other._motion, further=beside)
         other.whiten_by(self.noise)
         return other
 
@@ -310,6 +314,11 @@ class RecordingRegression:
         gain = np.mean(np.abs(stiffness - w * w * mass + 1j * w * damping) ** 2)
         return s.step_m * float(np.sqrt(gain * min(1.0, 2.0 * reach_hz / s.even_hz) / 12.0))
 
+    def column_of(self, name: str) -> str:
+        """The further column that a form follows, "" for others."""
+        candidate = CANDIDATES[name]
+        return self.extent.further[candidate.slot].name if isinstance(candidate, OfColumn) else ""
+
     def motion(self, model: Model) -> MotionGrid:
         """Motion on the fine grid as the wall sees it, behind the model's plays and contacts; the stage's
         own, the same object, where it has none. The last 8 are kept.
@@ -430,7 +439,7 @@ def motion_grid(s: Signals, speed_band: float) -> MotionGrid:
     return MotionGrid(
         s.fine_t, s.fine_x, s.fine_v, s.fine_a,
         np.concatenate([intervals_s(s.fine_t[p]) for p in s.piecewise()]), tuple(s.piecewise()),
-        touching=np.ones_like(s.fine_t), speed_band=speed_band, decimated=s.decimated,
+        further=s.fine_further, touching=np.ones_like(s.fine_t), speed_band=speed_band, decimated=s.decimated,
         force=np.concatenate([np.interp(s.fine_t[f], s.t[c], s.force[c]) for f, c in grids]),
     )  # fmt: skip
 

@@ -8,7 +8,7 @@ Nyquist frequency at the end of the pass-band, the regression.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -18,10 +18,10 @@ from scipy.fft import irfft, next_fast_len, rfft
 from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.signal import csd, welch
 
-from forefeel.common.causes.candidate import Extent, Spectrum
+from forefeel.common.causes.candidate import ColumnExtent, Extent, Spectrum
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
-from forefeel.common.recording.recording import Recording
+from forefeel.common.recording.recording import Column, Recording
 
 Mask = NDArray[np.bool_]
 
@@ -82,6 +82,8 @@ class Signals:
         self.motion_reach_hz, self.even_hz, self.step_m = 0.0, 1.0, 0.0
         self.even_m: Floats = np.empty(0)
         self._raw: list[tuple[Spectrum, Spectrum]] = []
+        self.units = {column.name: column.unit for column in recording.further}
+        beside: list[list[Floats]] = []
         motion: list[tuple[Floats, ...]] = []
         coarse: list[tuple[Floats, Floats, Mask]] = []
         for piece in gapless(recording):
@@ -101,12 +103,15 @@ class Signals:
             self._gains[grid] = response(np.arange(grid.coarse // 2 + 1) / grid.span_s, cutoff_hz)
             self._raw.append((x_spec, f_spec))
             motion.append(self._motion(grid, x_spec))
+            beside.append([self._further(grid, time_s, piece, column) for column in recording.further])
             coarse.append(self._coarse(grid, f_spec, bad | _unsettled(x)))
         if not self.pieces:
             raise RecordingError(f"{recording.source}: no stretch without gaps is long enough")
         self.fine_t, self.fine_x, self.fine_v, self.fine_a = (
             np.concatenate(c) for c in zip(*motion, strict=True)
         )
+        columns = map(np.concatenate, zip(*beside, strict=True))
+        self.fine_further = dict(zip(self.units, columns, strict=True))
         self.t, self.force, self.rows = (np.concatenate(c) for c in zip(*coarse, strict=True))
         if not self.rows.any():
             raise RecordingError(f"{recording.source}: no sample of the force stands beside the motion")
@@ -118,11 +123,14 @@ class Signals:
         )
 
     @classmethod
-    def of_motion(cls, time_s: Floats, position_m: Floats, cutoff_hz: float) -> "Signals | None":
+    def of_motion(
+        cls, time_s: Floats, position_m: Floats, cutoff_hz: float, further: tuple[Column, ...] = ()
+    ) -> "Signals | None":
         """Conditions a motion without a force; None where it is too short."""
         none_n, nowhere = np.zeros_like(time_s), np.zeros(len(time_s), dtype=np.bool_)
         try:
-            return cls(Recording("", time_s, position_m, none_n, ""), none_n, cutoff_hz, nowhere)
+            motion = Recording("", time_s, position_m, none_n, "", further=further)
+            return cls(motion, none_n, cutoff_hz, nowhere)
         except RecordingError:
             return None
 
@@ -202,6 +210,17 @@ class Signals:
         t = np.asarray(grid.start_s + np.arange(grid.fine) * (grid.span_s / grid.fine), dtype=np.float64)
         x, v, a = (irfft(row, grid.fine) for row in full)
         return t, x, v, a
+
+    def _further(self, grid: SignalPiece, time_s: Floats, piece: slice, column: Column) -> Floats:
+        """A further column on the fine grid, in the band of the position; an angle without its wraps."""
+        values = np.unwrap(column.values[piece]) if column.unit == "rad" else column.values[piece]
+        even, _, _ = _uniform(time_s, grid, values, values, np.zeros(len(values), dtype=np.bool_))
+        spectrum = rfft(_padded(even, grid.padded))
+        bins = min(grid.fine // 2 + 1, len(spectrum))
+        wide = response(np.arange(bins) / grid.span_s, 2.0 * self.cutoff_hz)
+        full = np.zeros(grid.fine // 2 + 1, dtype=np.complex128)
+        full[:bins] = spectrum[:bins] * wide * (grid.fine / grid.padded)
+        return np.asarray(irfft(full, grid.fine))
 
     def _coarse(self, grid: SignalPiece, f_spec: Spectrum, bad: Mask) -> tuple[Floats, Floats, Mask]:
         """Time in s and filtered force on the coarse grid, and the mask of rows that count: not at edges, nor
@@ -368,6 +387,7 @@ def extent_of(signals: Signals, speed_band: float) -> Extent:
     """
     recorded = signals.recorded
     low, q1, q2, high = _travelled_m(signals.fine_x[recorded])
+    low_n, high_n = np.quantile(signals.force[signals.rows], (0.005, 0.995))
     return Extent(
         signals.cutoff_hz,
         float(signals.t[-1] - signals.t[0]),
@@ -376,8 +396,35 @@ def extent_of(signals: Signals, speed_band: float) -> Extent:
         float(low),
         float(high),
         speed_band,
-        *np.quantile(signals.force[signals.rows], (0.005, 0.995)).tolist(),
+        float(low_n),
+        float(high_n),
+        tuple(
+            ColumnExtent(name, signals.units[name], float(np.ptp(values[recorded])))
+            for name, values in signals.fine_further.items()
+        ),
     )
+
+
+_OWN = 0.5  # share of a column that the motion explains, above which it is of the same axis
+_AGAIN = 0.9  # correlation with the force above which it is the same force again
+
+
+def independent(recording: Recording) -> Recording:
+    """Copy without the further columns that are of the same axis (a setpoint, a second encoder, a force of
+    the same contact), or the same force again.
+    """
+    x, force = recording.position_m, recording.force_n
+    v = np.gradient(x, recording.time_s)
+    motion = np.column_stack([np.ones_like(x), x, x * x, v, np.sign(v)])
+    motion[:, 1:] /= np.maximum(np.max(np.abs(motion[:, 1:]), axis=0), 1e-300)
+    others = []
+    for column in recording.further:
+        values = np.unwrap(column.values) if column.unit == "rad" else column.values
+        left = values - motion @ np.linalg.lstsq(motion, values, rcond=1e-9)[0]
+        again = force is not None and abs(np.corrcoef(values, force)[0, 1]) > _AGAIN
+        if np.var(left) > (1.0 - _OWN) * np.var(values) and not again:
+            others.append(column)
+    return replace(recording, further=tuple(others))
 
 
 _LEAST_HZ = 30.0

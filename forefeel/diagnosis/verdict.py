@@ -64,17 +64,26 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """One named cause; `gain_n`: by how much the held-out rms falls with it, in N; `explained_n`: its rms."""
+    """One named cause; `gain_n`: by how much the held-out rms falls with it, in N; `explained_n`: its rms;
+    `column`: of the recording, which it follows, if it follows one.
+    """
 
     name: str
     parameters: dict[str, Interval]
     evidence: Evidence
     gain_n: float
     explained_n: float
+    column: str = ""
 
     @classmethod
     def fitted(
-        cls, name: str, parameters: dict[str, Interval], likelihood: float, held_out: HeldOut, words: str
+        cls,
+        name: str,
+        parameters: dict[str, Interval],
+        likelihood: float,
+        held_out: HeldOut,
+        words: str,
+        column: str = "",
     ) -> "Cause":
         """Cause of a fitted model; `held_out`: errors without it and with it, from which its gain and
         `explained_n` follow. `likelihood`: fall of the penalised -2 log likelihood with it.
@@ -84,7 +93,7 @@ class Cause:
             cause_class(name).fingerprint, likelihood, gain, held_out.gain_low, held_out.gain_high, words
         )
         explained_n = sqrt(max(before_n**2 - after_n**2, 0.0))
-        return cls(name, parameters, evidence, before_n - after_n, explained_n)
+        return cls(name, parameters, evidence, before_n - after_n, explained_n, column)
 
     @classmethod
     def on_readings(cls, name: str, parameters: dict[str, Interval], words: str, rms_n: float) -> "Cause":

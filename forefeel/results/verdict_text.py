@@ -69,7 +69,8 @@ def headline(diagnosis: Diagnosis) -> str:
     if not diagnosis.names_causes:
         known = "" if diagnosis.noise_floor_n is None else " down to its noise"
         return _VERDICT_TEXT[diagnosis.verdict].format(known)
-    *more, last = [words(cause.name) for cause in diagnosis.causes if cause.name != "bias"] or [words("bias")]
+    causes = [cause for cause in diagnosis.causes if cause.name != "bias"] or list(diagnosis.causes)
+    *more, last = [words(cause.name, cause.column) for cause in causes]
     named = f"{', '.join(more)}{' and ' if more else ''}{last}"
     if diagnosis.verdict == "cause_found":
         return f"The simulation leaves out {named}."
@@ -188,7 +189,8 @@ def _cause(cause: Cause) -> list[str]:
     described = cause_class(cause.name).described(values, plain_value)
     size = f", {quantity(cause.explained_n, 'N')} rms of the force"
     share = "; the fitted simulation has one, too" if cause.name == "bias" else size
-    return [f"{cause.name}: {parameters}", f"{words(cause.name)}{described}{share}"]
+    name = f"with {cause.column}" if cause.column else cause.name
+    return [f"{name}: {parameters}", f"{words(cause.name, cause.column)}{described}{share}"]
 
 
 def _extended(diagnosis: Diagnosis, given: str | None) -> str:
