@@ -100,6 +100,7 @@ class Candidate:
             whether they are searched on a logarithmic scale.
         least_score, least_ratio: by how much the penalised -2 log likelihood must fall for it, and by which
             factor the residual's rms must grow without it.
+        price: what it must fall beside that, for each row: a form with more freedom than its numbers say.
         sizes: parameters that are zero without the cause: it is not named while the intervals of all of them
             contain zero; by default `coefficients`.
         picture: overrides that of its effect.
@@ -120,6 +121,7 @@ class Candidate:
     logarithmic: bool = True
     least_score: float = 12.0
     least_ratio: float = 1.1
+    price: float = 0.0
     sizes: tuple[str, ...] | None = None
     picture: str = ""
     costly: bool = False

@@ -1,22 +1,26 @@
 """Periodic forces: pulsation, hum of the mains, a map over the position, a weight over the angle."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import atan2, cos, hypot, pi, sin
+from typing import ClassVar
 
 import numpy as np
 
 from forefeel.common.causes.base import ForceEffect, Parameter
 from forefeel.common.causes.candidate import (
+    Candidate,
     Entry,
     Fitted,
     Form,
     Periodic,
     PositionWave,
+    Shape,
     Values,
     entry,
     log_grid,
 )
-from forefeel.common.causes.motion import Kinematics, Motion, Value
+from forefeel.common.causes.motion import Kinematics, Motion, MotionGrid, Value
 from forefeel.common.causes.numerics import Array
 
 
@@ -58,13 +62,17 @@ class PeriodicForce(ForceEffect):
 
         p = 2 pi frequency_hz t + phase_rad; r, q: ratio and phase of a harmonic.
         """
-        p = self._omega * m.t + self._phase
+        p = self._angle_rad(m)
         wave = m.sin(p)
         if self._ratio2:
             wave = wave + self._ratio2 * m.sin(2.0 * p + self._phase2)
         if self._ratio3:
             wave = wave + self._ratio3 * m.sin(3.0 * p + self._phase3)
         return (wave,)
+
+    def _angle_rad(self, m: Kinematics) -> Value:
+        """p."""
+        return self._omega * m.t + self._phase
 
     def span(self, motion: Motion) -> Array:
         """Sine of each harmonic at phase 0, then cosine of each, shape (n, 6)."""
@@ -100,13 +108,17 @@ def _strongest(fitted: Fitted) -> Values:
     return {"frequency_hz": fitted.shape[0], "amplitude_n": float(np.max(sizes))}
 
 
-def _wave(fitted: Fitted) -> list[Entry]:
-    """A pulsation whose phases count from stamp 0."""
-    (frequency_hz,), c = fitted.shape, fitted.coefficients
+def _wave(frequency_hz: float, c: Array, turns: float) -> Values:
+    """Parameters of a pulsation of the six coefficients of a span, so many turns later."""
     wave = c[:3] + 1j * c[3:]  # sin + i cos: amplitude times exp(i phase) of a sine
-    wave = wave * np.exp(-2j * np.pi * frequency_hz * fitted.start_s * np.arange(1, 4))
-    turned = [*wave.real.tolist(), *wave.imag.tolist()]
-    return [entry(Pulsation, Pulsation(frequency_hz=frequency_hz).from_span(turned))]
+    wave = wave * np.exp(2j * np.pi * turns * np.arange(1, 4))
+    return Pulsation(frequency_hz=frequency_hz).from_span([*wave.real.tolist(), *wave.imag.tolist()])
+
+
+def _steady(fitted: Fitted) -> list[Entry]:
+    """A pulsation whose phases count from stamp 0."""
+    (hz,) = fitted.shape
+    return [entry(Pulsation, _wave(hz, fitted.coefficients, -hz * fitted.start_s))]
 
 
 class Pulsation(PeriodicForce):
@@ -120,12 +132,161 @@ class Pulsation(PeriodicForce):
     site = "wall"
     parameters = harmonic_parameters(1.2, 0.05, 50.0)
     picture = "period"
+    kin = "rhythm"
     told_by = ("stillness",)
     reference = "Fourier series of the arterial pulse, McDonald's Blood Flow in Arteries, 6th ed."
     fingerprint = "a line in the spectrum and its harmonics that stay while the operator holds still"
     words = "a periodic force of its own, such as heart beat or breath"
-    equation = ("{amplitude_n} sin(2 pi {frequency_hz} t) and harmonics",)
-    candidates = (Periodic(shapes=("frequency_hz",), signs=(0,) * 6, naming=_strongest, making=_wave),)
+    equation: ClassVar[tuple[str, ...]] = ("{amplitude_n} sin(2 pi {frequency_hz} t) and harmonics",)
+    candidates: ClassVar[Sequence[Candidate]] = (
+        Periodic(shapes=("frequency_hz",), signs=(0,) * 6, naming=_strongest, making=_steady),
+    )
+
+
+_CYCLES = 2.0  # from one rate of a course to the next: no heart or breath changes its rate much faster
+VARIES = 0.2
+"""Standard deviation of a rate that nothing is known of, over its mean."""
+
+
+def step_s(rate_hz: float) -> float:
+    """Time in s from one value of a course of that mean rate to the next, a power of 2: some two cycles."""
+    return float(2.0 ** np.rint(np.log2(_CYCLES / rate_hz)))
+
+
+def turns(t: Array, rates_hz: Shape) -> Array:
+    """Turns of a rhythm, 0 in the middle of its course: rates at 0, `step_s`, 2 `step_s`, ... in s, straight
+    between them and constant beyond.
+    """
+    rates, each_s = np.array(rates_hz), step_s(float(np.mean(rates_hz)))
+    done = np.cumsum([0.0, *(0.5 * each_s * (rates[1:] + rates[:-1]))])
+    i = np.clip(np.floor(t / each_s).astype(np.int64), 0, len(rates) - 1)
+    since_s, steepness = t - each_s * i, np.append(np.diff(rates) / each_s, 0.0)
+    bent = np.where(since_s > 0.0, 0.5 * steepness[i] * since_s, 0.0)
+    return np.asarray(done[i] + (rates[i] + bent) * since_s - done[len(rates) // 2])
+
+
+_TURNING = Pulsation(frequency_hz=1.0)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rhythm(Form):
+    """Waves of a rhythm, three harmonics, times each of `factors`, the last of which has its one of `sizes`.
+
+    Its shape is the course of its rate in Hz, see `turns`: one value is a steady rate, not of a `living` one.
+    """
+
+    factors: Callable[[MotionGrid], list[Array]]
+    living: bool = False
+
+    def columns(self, motion: MotionGrid, shape: Shape) -> list[Array]:
+        waves = _TURNING.span(replace(motion, t=turns(motion.t, shape))).T
+        return [factor * wave for factor in self.factors(motion) for wave in waves]
+
+    def slopes(self, motion: MotionGrid, shape: Shape, coefficients: Array) -> Array:
+        """Derivatives of its force by each value of the shape, shape (values, n)."""
+        now, sizes = (
+            turns(motion.t, shape),
+            np.reshape(coefficients, (-1, 2, 3)) * 2.0 * np.pi * np.arange(1, 4),
+        )
+        sines, cosines = np.hsplit(_TURNING.span(replace(motion, t=now)), 2)
+        by_turn = sum(
+            factor * (cosines @ sine - sines @ cosine)
+            for factor, (sine, cosine) in zip(self.factors(motion), sizes, strict=True)
+        )
+        step = 1e-4 * shape[0]
+        moved = [turns(motion.t, tuple(row)) for row in np.array(shape) + step * np.eye(len(shape))]
+        return np.asarray(by_turn * (np.array(moved) - now) / step)
+
+    def named(self, fitted: Fitted) -> Values:
+        *level, wave = np.reshape(fitted.coefficients, (-1, 6))
+        values = {"frequency_hz": float(np.mean(fitted.shape))}
+        values[self.needed[0]] = float(np.max(np.hypot(wave[:3], wave[3:])))
+        if len(fitted.shape) > 1:
+            values["rate_variation"] = float(np.sqrt(2.0) * np.std(fitted.shape) / np.mean(fitted.shape))
+        for constant in level:
+            values["zero_m"] = -float(constant @ wave) / max(float(wave @ wave), 1e-300)
+        return values
+
+    def entries(self, fitted: Fitted) -> list[Entry]:
+        """A rhythm whose rate swings as most of its course does; phases count from stamp 0."""
+        shape, start_s, count = fitted.shape, fitted.start_s, len(fitted.shape)
+        t = step_s(float(np.mean(shape))) * np.arange(count, dtype=np.float64)
+        hz, offset = np.polyfit(t, turns(t, shape), 1) if count > 1 else (shape[0], 0.0)
+        wave = _wave(hz, np.reshape(fitted.coefficients, (-1, 6))[-1], offset - hz * start_s)
+        values = self.named(fitted) | wave | {"amplitude_n": 0.0, self.needed[0]: wave["amplitude_n"]}
+        lines = np.fft.rfft(turns(t, shape) - offset - hz * t)
+        strongest = int(np.argmax(np.abs(lines)))
+        swing_hz, p = strongest / max(count * t[-1] / max(count - 1, 1), 1e-9), np.angle(lines[strongest])
+        values |= {
+            "rate_variation": 4.0 * pi * swing_hz * np.abs(lines[strongest]) / count / hz,
+            "variation_hz": swing_hz,
+            "variation_phase_rad": float(p + 0.5 * pi - 2.0 * pi * swing_hz * start_s) % (2.0 * pi),
+        }
+        return [entry(VaryingPulsation, values)]
+
+
+def _rhythm(form: str, size: str, *factors: Callable[[MotionGrid], Array]) -> Rhythm:
+    return Rhythm(
+        form=form, factors=lambda m: [factor(m) for factor in factors], living=not form, sizes=(size,),
+        signs=(0,) * 6 * len(factors), logarithmic=False, grid=lambda _: [(1.2,)],
+        least_score=30.0, least_ratio=1.15, price=0.1,  # a steady pulsation that leaves 5 % more does as well
+    )  # fmt: skip
+
+
+def _always(m: MotionGrid) -> Array:
+    return np.ones_like(m.t)
+
+
+class VaryingPulsation(Pulsation):
+    """`f = (A + B (x - x0) + C s + D v) W(p)`: a pulsation that lives, W and p those of `Pulsation` but that
+
+    p = 2 pi (f t + f r / (2 pi g) sin(2 pi g t + h)) + phase_rad; r = rate_variation, g = variation_hz, h =
+    variation_phase_rad: the rate swings by the share r, as that of a heart does with the breath. s is the
+    direction, x0 = zero_m.
+    """
+
+    name = "varying_pulsation"
+    parameters = (
+        *harmonic_parameters(1.2, 0.05, 50.0),
+        Parameter("amplitude_per_length_n_m", "N/m", 0.0, 0.0, 1e6, explains=0.15),
+        Parameter("friction_n", "N", 0.0, 0.0, 1e3, explains=0.15),
+        Parameter("damping_n_s_m", "N s/m", 0.0, 0.0, 1e6, explains=0.15),
+        Parameter("zero_m", "m", 0.0, -1e6, 1e6, linear=False),
+        Parameter("rate_variation", "", 0.05, 0.0, 0.9, linear=False),
+        Parameter("variation_hz", "Hz", 0.25, 1e-4, 50.0, linear=False),
+        Parameter("variation_phase_rad", "rad", 0.0, -2.0 * pi, 2.0 * pi, linear=False),
+    )
+    picture = "time"
+    reference = "respiratory sinus arrhythmia, Hirsch and Bishop, Am. J. Physiol. 241, 1981"
+    fingerprint = "a wide line in the spectrum and its harmonics, or lines whose size goes with the motion"
+    words = "a heart beat or breath whose rate or size varies"
+    equation = (
+        "{amplitude_n} sin(p) and harmonics, p' = 2 pi {frequency_hz} within {rate_variation}",
+        "{amplitude_per_length_n_m} (x - {zero_m}) sin(p) and harmonics, p' = 2 pi {frequency_hz}",
+        "{friction_n} sgn(x') sin(p) and harmonics, p' = 2 pi {frequency_hz}",
+        "{damping_n_s_m} x' sin(p) and harmonics, p' = 2 pi {frequency_hz}",
+    )
+    candidates = (
+        _rhythm("", "amplitude_n", _always),
+        _rhythm("depth", "amplitude_per_length_n_m", _always, lambda m: m.x),
+        _rhythm("friction", "friction_n", lambda m: m.direction()),
+        _rhythm("speed", "damping_n_s_m", lambda m: m.v),
+    )
+
+    def _angle_rad(self, m: Kinematics) -> Value:
+        values, swing = self.values, 2.0 * pi * self.values["variation_hz"]
+        swung = m.sin(swing * m.t + values["variation_phase_rad"])
+        return super()._angle_rad(m) + self._omega * values["rate_variation"] / swing * swung
+
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        (wave,) = super().regressors(m)
+        return wave, wave * (m.x - self.values["zero_m"]), wave * m.direction(), wave * m.v
+
+    span, from_span = ForceEffect.span, ForceEffect.from_span
+
+    @classmethod
+    def shape_names(cls) -> tuple[str, ...]:
+        return super(PeriodicForce, cls).shape_names()
 
 
 class MainsHum(PeriodicForce):

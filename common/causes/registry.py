@@ -50,7 +50,7 @@ OWN: dict[str, type[Effect]] = {
         sensor.SensorDrift, sensor.SensorLag, sensor.SensorQuantisation, sensor.SensorSaturation,
         sensor.SensorSpikes, wall.Stiffening, wall.StiffnessChange, wall.StressRelaxation,
         friction.StribeckFriction, sensor.TimeDelay, unmodelled_resonance.UnmodelledResonance,
-        column.WithColumn,
+        column.WithColumn, periodic.VaryingPulsation,
     )
 }  # fmt: skip
 

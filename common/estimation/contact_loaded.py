@@ -59,10 +59,10 @@ def loaded_causes(model: ContactModel) -> LoadedCauses:
             wave = next(
                 (w for w, (low, high) in _WAVES_HZ.items() if low <= values["frequency_hz"] < high), ""
             )
-            if kind is Pulsation and wave and f"{wave}.frequency_hz" not in means:
+            if issubclass(kind, Pulsation) and wave and f"{wave}.frequency_hz" not in means:
                 means |= _of_wave(wave, values)
             else:
-                further += _sines(entry, values)
+                further += _sines(Pulsation.name if issubclass(kind, Pulsation) else name, entry, values)
         elif kind in BASE and kind not in shared and not elsewhere:
             shared.add(kind)
             means |= {} if kind.sized_anew else _of_shared(kind, values)
@@ -99,10 +99,10 @@ def _of_wave(wave: str, values: Mapping[str, float]) -> dict[str, float]:
     return {name: abs(value) for name, value in means.items() if value}
 
 
-def _sines(entry: EffectEntry, values: Mapping[str, float]) -> Iterator[EffectEntry]:
+def _sines(name: str, entry: EffectEntry, values: Mapping[str, float]) -> Iterator[EffectEntry]:
     """A sine and a cosine at the frequency of each harmonic of a wave that is not negligible."""
     ratios = 1.0, values["second_harmonic_ratio"], values["third_harmonic_ratio"]
     for order, ratio in enumerate(ratios, 1):
         for phase_rad in (0.0, 0.5 * pi) if abs(ratio) > _LEAST_RATIO else ():
             wave = ("frequency_hz", order * values["frequency_hz"]), ("phase_rad", phase_rad)
-            yield EffectEntry(entry.effect, wave, entry.site)
+            yield EffectEntry(name, wave, entry.site)

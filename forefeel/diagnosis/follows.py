@@ -11,6 +11,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from forefeel.common.causes.catalogue import cause_class
 from forefeel.common.causes.motion import Lag, MotionGrid
 from forefeel.common.causes.periodic import Pulsation
 from forefeel.common.error_size import Floats
@@ -26,7 +27,6 @@ _AS_GOOD = 1.15  # times what the best variable leaves: a simpler one that leave
 _HALF = 0.5  # of what any other leaves, that time or a further column has to leave: they imitate what is slow
 _LEAST_CYCLES = 3.0  # of a rhythm
 _OF_TIME = "time", "rate varies"  # variables that noise with a memory follows, too
-_WITH_DEPTH = "that grows with depth"
 _SINGLE = "direction", "position", "speed", "acceleration", "size of the force"
 _STEP_S, _MOST_KNOTS = 0.7, 60  # s between the knots of a function of time, and their number
 _SLOW_STEP_S, _MOST_SLOW_KNOTS = 2.5, 24  # the same of a rhythm's size
@@ -102,7 +102,7 @@ class Leftover:
             "time": lambda: course(_STEP_S, _MOST_KNOTS),
             rhythm: lambda: waves(3),
             f"{rhythm} while it moves": lambda: moves[:, None] * waves(2),
-            f"{rhythm} {_WITH_DEPTH}": lambda: np.hstack([waves(2), depth[:, None] * waves(2)]),
+            f"{rhythm} that grows with depth": lambda: np.hstack([waves(2), depth[:, None] * waves(2)]),
             f"{rhythm}, rate varies": lambda: np.hstack([slowly * wave[:, None] for wave in waves(2).T]),
         }
 
@@ -110,8 +110,9 @@ class Leftover:
         """Frequency in Hz of the fitted pulsation, which may pulse with more than time; else of the strongest
         line of the residual that has three cycles or more.
         """
-        if Pulsation.name in self.fit.model:
-            return self.fit.model[Pulsation.name][0]
+        for name, shape in self.fit.model.items():
+            if issubclass(cause_class(name), Pulsation):
+                return float(np.mean(shape))
         signals = self.regression.signals
         left = np.where(signals.rows, self.regression.residual(self.fit), 0.0)
         left -= np.mean(left[signals.rows]) * signals.rows
@@ -146,6 +147,17 @@ class Leftover:
         both = columns(self.regression, plain), self._columns
         before, after = (self._errors_beside(of_fit, extra, _RIDGES[-1]) for of_fit in both)
         return gain(self.regression, before, after).gain_low
+
+    def gain_beside_motion(self, plain: ModelFit) -> float:
+        """Lower end of the held-out gain of the fit over a plainer one with the columns of the variable of
+        the motion beside both that leaves least of it. The size of the force, which has what is fitted in it,
+        is none.
+        """
+        both, gains = (columns(self.regression, plain), self._columns), []
+        for extra in (make() for name, make in self._of_the_motion().items() if name != _SINGLE[-1]):
+            before, after = (self._errors_beside(of_fit, extra, _RIDGES[-1]) for of_fit in both)
+            gains.append(gain(self.regression, before, after).gain_low)
+        return min(gains)
 
     @cached_property
     def _columns(self) -> tuple[Floats, Floats]:
@@ -185,13 +197,6 @@ class Leftover:
         """
         single = (*_SINGLE, "time") if with_time else _SINGLE
         return max(_share(self._gains[name][1]) for name in single)
-
-    def pulses_with_depth(self, gain_low: float) -> bool:
-        """True if the fit has a pulsation, and one that grows with depth gains more than that beside it."""
-        if Pulsation.name not in self.fit.model:
-            return False
-        grows = (held for name, (_, held) in self._gains.items() if name.endswith(_WITH_DEPTH))
-        return any(held.gain_low > gain_low for held in grows)
 
     def follows(self) -> tuple[Follows, ...]:
         """Up to three variables that clearly explain 15 % of the residual's variance, first the one to look

@@ -8,7 +8,7 @@ import numpy as np
 
 from forefeel.common.causes.candidate import base_name
 from forefeel.common.causes.catalogue import CANDIDATES, cause_class, no_rivals
-from forefeel.common.causes.periodic import Pulsation
+from forefeel.common.causes.periodic import Pulsation, Rhythm
 from forefeel.common.causes.registry import effect_class
 from forefeel.common.causes.sensor import SensorLag, SensorQuantisation
 from forefeel.common.causes.unmodelled_resonance import MOST_DAMPED
@@ -64,6 +64,7 @@ _NEARLY_ALL = 0.9  # or the lower end of its held-out gain
 # lower end of the held-out gain that a cause needs beside structure that has no name, or a second friction
 _CLEAR_GAIN = 0.1
 _ROUNDED = 1.5  # times what the steps of the encoder make on average: at a constant speed they are lines
+_BESIDE_MOTION = 0.2  # the same of a rhythm beside any function of the motion
 _AS_MUCH = 1.15  # times what the best function of one variable leaves, that causes may leave beside structure
 _REMEMBERED = 0.2  # share that the past foretells of what is no noise; first-order noise of 5 Hz leaves 0.08
 # share of the force's variance that the motion explains, above which nobody doubts that it drives the force
@@ -156,8 +157,7 @@ class Judge:
             return "unexplained", None, ()
         if self._not_driven():
             return "not_driven_by_this_axis", None, ()
-        # the vocabulary's pulsation is a force of its own: one that grows with depth is something else
-        if self._left_over.pulses_with_depth(_CLEAR_GAIN) or (self._structure_left and not self._stand()):
+        if self._structure_left and not self._stand():
             return "unexplained", following_motion(self._follows), ()
         groups = self._groups
         if groups:
@@ -199,8 +199,10 @@ class Judge:
         if not slower or look.spring_in_band < max(_STROKES_EXPLAINED, look.spring + _MORE_THAN_WHOLE):
             return False
         name = self._largest
-        among_the_strokes = name == Pulsation.name and self.fit.model[name][0] > look.slow_hz
-        return name is None or among_the_strokes or cause_class(name).bends
+        if name is None or cause_class(name).bends:
+            return True
+        beats = issubclass(cause_class(name), Pulsation)
+        return beats and float(np.mean(self.fit.model[name])) > look.slow_hz
 
     def _not_driven(self) -> bool:
         """True if the force's own past predicts it clearly better than the motion does, and no other column
@@ -364,11 +366,16 @@ class Judge:
         takes what the first one's course leaves, 10 %; or its intervals tell nothing: all sizes may be 0 or
         are wider than 20 times the value, a ratio may be 1, a frequency may be 0, a mode may have no damping
         or no peak, or an end is infinite. Also for a change of stiffness at rest with few reversals beside it
-        that gains below 90 %.
+        that gains below 90 %, and for a rhythm that gains less than 20 % beside a function of the motion.
         """
         _, held_out = self.without[name]
         rubs = [other for other in self.fit.model if cause_class(other).rubs]
-        if held_out.gain_low <= (_CLEAR_GAIN if name in rubs and len(rubs) > 1 else _AS_GOOD):
+        least = _CLEAR_GAIN if name in rubs and len(rubs) > 1 else _AS_GOOD
+        # a rhythm's phase is taken from the force: strokes that vary have one, too
+        rest = {other: shape for other, shape in self.fit.model.items() if other != name}
+        rhythm = isinstance(CANDIDATES[name], Rhythm)
+        imitates = rhythm and self._left_over.gain_beside_motion(self.search.fit(rest)) < _BESIDE_MOTION
+        if held_out.gain_low <= least or imitates:
             return True
         seldom = name == "stiffness_change:rest" and not self._moved_around(self.fit.model[name][0])
         if seldom and held_out.gain_low < _NEARLY_ALL:

@@ -34,6 +34,7 @@ from forefeel.common.causes.column import OfColumn
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.motion import MotionGrid
 from forefeel.common.causes.numerics import intervals_s
+from forefeel.common.causes.periodic import Rhythm
 from forefeel.common.causes.transmission import Backlash
 from forefeel.common.causes.unmodelled_resonance import HIGHEST_MODE, MOST_DAMPED, UnmodelledResonance
 from forefeel.common.error_size import Floats
@@ -360,6 +361,14 @@ class RecordingRegression:
         spectra = self._aligned(model, name, shape, candidate)
         return self.signals.column(spectra * self._whitener)[:, self._counted].T
 
+    def slopes_of_course(self, fit: ModelFit, name: str) -> Floats:
+        """Whitened derivatives of the force by each rate of a rhythm, at the rows that count."""
+        motion, factor, rhythm = self.motion(fit.model), self._alignment(fit.model), CANDIDATES[name]
+        assert isinstance(rhythm, Rhythm)
+        slopes = rhythm.slopes(motion, fit.model[name], fit.of(name)) * motion.touching
+        spectra = self.signals.spectrum(slopes) * self._whitener
+        return self.signals.column(spectra if factor is None else spectra * factor)[:, self._counted].T
+
     def _white(self, columns: Floats) -> Floats:
         return self.noise.whiten(columns, self._pieces)[self.rows] / self.noise.innovation_n
 
@@ -481,8 +490,11 @@ def alignment(omega: Floats, model: Model) -> Spectrum | None:
 
 
 def penalty_of(owners: tuple[str, ...], model: Model, n: int) -> float:
-    """Bayesian information criterion; a searched shape costs twice a linear parameter."""
-    return float(np.log(n)) * (len(owners) + 2.0 * sum(len(shape) for shape in model.values()))
+    """Bayesian information criterion, and the price of its forms; a searched shape costs twice a linear
+    parameter.
+    """
+    price = n * sum(CANDIDATES[name].price for name in model)
+    return price + float(np.log(n)) * (len(owners) + 2.0 * sum(len(shape) for shape in model.values()))
 
 
 def _as_slice(rows: Mask) -> Mask | slice:

@@ -8,14 +8,14 @@ from collections.abc import Iterable
 from functools import cached_property
 
 import numpy as np
-from scipy.fft import rfft, rfftfreq
+from scipy.fft import ifft, rfft, rfftfreq
 from scipy.optimize import minimize, minimize_scalar
 
 from forefeel.common.causes.candidate import Candidate, Model, Periodic, PositionWave, Shape, base_name
 from forefeel.common.causes.catalogue import CANDIDATES, kin
 from forefeel.common.causes.friction import CoulombFriction, PreslidingHysteresis
 from forefeel.common.causes.motion import Motion
-from forefeel.common.causes.periodic import PositionMap, Pulsation
+from forefeel.common.causes.periodic import VARIES, PositionMap, Rhythm, step_s
 from forefeel.common.causes.unmodelled_resonance import UnmodelledResonance
 from forefeel.common.causes.wall import Stiffening, StressRelaxation
 from forefeel.common.error_size import Floats
@@ -24,6 +24,9 @@ from forefeel.diagnosis.verdict import Family
 
 PULSATION_HZ = 0.12, 4.0
 _LEAST_CYCLES = 5.0  # of a pulsation: fewer are not told from a force that wanders
+_WIDE, _BAND = 1.1, 0.35  # ratio to which a line that varies is wide; share within which its phase is taken
+_MANY_CYCLES = 12.0
+_STEPS, _SINGULAR = 4, 1e-9  # of Gauss-Newton; added to its information, which then has an inverse
 _HIGHEST_ORDER = 10  # harmonic of the motion up to which a line is taken for its echo
 _ALIKE = 0.9
 LEAST_WAVES = 2.5
@@ -65,6 +68,43 @@ class Periods:
             peaks.append((float(frequency[top]),))
             power[np.abs(frequency - frequency[top]) < 1.5 / regression.extent.duration_s] = 0.0
         return peaks + [(f / 2.0,) for (f,) in peaks if f / 2.0 >= low]
+
+    def courses(self, fit: ModelFit, rhythm: Rhythm, count: int = 2) -> list[Shape]:
+        """Shapes of the rhythms that the residual may have, by its strongest lines times the rhythm's last
+        factor: of each a steady one, unless it is `living`, then the course by the phase of what is within a
+        third of the line; of one that goes with the motion, which has twice the freedom, if it has 12 cycles.
+        """
+        signals, motion = self.regression.signals, self.regression.motion(fit.model)
+        *level, factor = rhythm.factors(motion)
+        factor = np.interp(signals.t, motion.t, factor - (np.min(factor) if level else 0.0))
+        left = np.where(signals.rows, self.regression.residual(fit) * factor, 0.0)
+        left -= np.mean(left[signals.rows]) * signals.rows
+        length = 4 * len(left)
+        spectrum, frequency = rfft(left, length), rfftfreq(length, 1.0 / signals.coarse_rate_hz)
+        total = np.concatenate([[0.0], np.cumsum(np.abs(spectrum) ** 2)])
+        low, high = (np.searchsorted(frequency, frequency * wide) for wide in (1.0 / _WIDE, _WIDE))
+        power = (total[high] - total[low]) / np.maximum(high - low, 1)
+        power[(frequency < self.lowest_hz) | (frequency > PULSATION_HZ[1])] = 0.0
+        shapes: list[Shape] = []
+        while count and np.any(power):
+            count -= 1
+            line_hz = float(frequency[int(np.argmax(power))])
+            away = frequency / line_hz - 1.0
+            power[np.abs(away) < _BAND] = 0.0
+            if not rhythm.living:
+                sharp = np.where(np.abs(away) < _WIDE - 1.0, np.abs(spectrum), 0.0)
+                shapes.append((float(frequency[int(np.argmax(sharp))]),))
+            band = np.zeros(length, dtype=np.complex128)
+            inside = np.cos(0.5 * np.pi * np.clip(away / _BAND, -1.0, 1.0)) ** 2
+            band[: len(spectrum)] = inside * spectrum
+            t, turned = signals.t[signals.rows], np.unwrap(np.angle(ifft(band)[: len(left)]))[signals.rows]
+            each_s = step_s(float(np.ptp(turned) / np.ptp(t)) / (2.0 * np.pi))
+            at = each_s * np.arange(-0.5, t[-1] / each_s + 0.5)
+            turned = np.interp(at, t, turned - 2.0 * np.pi * line_hz * t) / (2.0 * np.pi) + line_hz * at
+            rates = np.clip(np.diff(turned) / each_s, (1.0 - _BAND) * line_hz, (1.0 + _BAND) * line_hz)
+            if len(rates) > 1 and (rhythm.living or line_hz * np.ptp(t) > _MANY_CYCLES):
+                shapes.append(tuple(rates.tolist()))
+        return shapes
 
     def over_position(self, fit: ModelFit, count: int = 4) -> list[Shape]:
         """The periods in m of the waves over the position, with a second harmonic, that explain most of what
@@ -126,20 +166,20 @@ class Periods:
         first = likeness[again[0] : again[0] + max(2, int(again[0]) // 4)]  # the whole of the first peak
         return float(again[0] + int(np.argmax(first))) / rate
 
-    def echo(self, fit: ModelFit) -> bool:
-        """True if most of the power of the fit's pulsation, which has to be there, is at harmonics, up to the
-        tenth, of a motion that repeats. False where the motion does not repeat.
+    def echo(self, fit: ModelFit, name: str) -> bool:
+        """True if most of the power of a pulsation of the fit is at harmonics, up to the tenth, of a motion
+        that repeats, most of the time. False where the motion does not repeat.
         """
-        period_s, (frequency_hz,) = self._motion_period_s, fit.model[Pulsation.name]
+        period_s, rates = self._motion_period_s, np.array(fit.model[name])
         if period_s is None:
             return False
         periods = self.regression.extent.duration_s / period_s
-        power = np.sum(fit.of(Pulsation.name).reshape(2, -1) ** 2, axis=0)
-        cycles = frequency_hz * np.arange(1, len(power) + 1) * period_s
+        power = np.sum(fit.of(name).reshape(-1, 2, 3)[-1] ** 2, axis=0)
+        cycles = period_s * np.outer(rates, np.arange(1, len(power) + 1))
         # of few periods only what lies closer than a line is wide counts, or all would be harmonics
         width = (1.5 if periods >= _MANY else 0.5) / periods
         near = (np.abs(cycles - np.round(cycles)) < width) & (cycles < _HIGHEST_ORDER + 0.5)
-        return bool(power[near].sum() > 0.5 * power.sum())
+        return bool(np.mean(near @ power) > 0.5 * power.sum())
 
 
 def _orthogonal(known: Floats, columns: Floats) -> Floats:
@@ -170,7 +210,9 @@ class Refiner:
         for sweep in range(sweeps if len(names) > 1 or any(len(fit.model[n]) > 1 for n in names) else 1):
             before = fit.score
             for name in names:
-                if len(fit.model[name]) > 1:
+                if isinstance(CANDIDATES[name], Rhythm) and len(fit.model[name]) > 1:
+                    fit = self._refine_course(fit, name)
+                elif len(fit.model[name]) > 1:
                     fit = self._refine_jointly(fit, name, most)
                 else:
                     fit = self._refine_alone(fit, name, sweep == 0)
@@ -245,11 +287,33 @@ class Refiner:
         )
         return best
 
+    def _refine_course(self, fit: ModelFit, name: str) -> ModelFit:
+        """Refines the course of a rhythm's rate by Gauss-Newton steps on coefficients and course, damped by
+        what is known of rates.
+        """
+        for _ in range(_STEPS):
+            design, shape = self.regression.design(fit.model), np.array(fit.model[name])
+            left = self.regression.target - design @ fit.coefficients
+            both = np.hstack([design, self.regression.slopes_of_course(fit, name)])
+            known = np.repeat([0.0, (VARIES * np.mean(shape)) ** -2.0], [design.shape[1], len(shape)])
+            scale = np.sqrt(np.sum(both**2, axis=0) + known + 1e-300)
+            gram = (both / scale).T @ (both / scale) + np.diag(known / scale**2 + _SINGULAR)
+            step = (np.linalg.solve(gram, (both / scale).T @ left) / scale)[-len(shape) :]
+            trials = [np.maximum(shape + part * step, 0.3 * shape) for part in (1.0, 0.3)]
+            fits = [self.fit({**fit.model, name: tuple(rates.tolist())}) for rates in trials]
+            best = min(
+                (trial for trial in fits if trial.feasible), key=lambda trial: trial.score, default=fit
+            )
+            if best.score > fit.score - 0.5:
+                return min(fit, best, key=lambda trial: trial.score)
+            fit = best
+        return fit
+
     def _bracket(self, candidate: Candidate, value: float, wide: bool) -> tuple[float, float, bool]:
         """(low, high, True if logarithms): bounds of the search of a cause's one shape about `value`. `wide`:
         as far as its neighbours on the grid, or as a line or wave is resolved; else a fifth of that or less.
         """
-        if isinstance(candidate, Periodic):
+        if isinstance(candidate, Periodic | Rhythm):
             reach = (0.6 if wide else 0.1) / self.regression.extent.duration_s
             return max(value - min(reach, 0.3 * value), self.periods.lowest_hz), value + reach, False
         if isinstance(candidate, PositionWave):
@@ -404,13 +468,13 @@ class Search(Refiner):
         that echo the motion. None where no shape is feasible.
         """
         best: ModelFit | None = None
-        periodic = isinstance(CANDIDATES[name], Periodic)
+        periodic = isinstance(CANDIDATES[name], Periodic | Rhythm)
         repeats = periodic or isinstance(CANDIDATES[name], PositionWave)
         for shape in self._shapes(fit, name):
             trial = self.fit({**fit.model, name: shape})
             margin = _SUBHARMONIC if best is not None and repeats else 0.0
             better = best is None or trial.score < best.score - margin
-            if better and trial.feasible and not (periodic and self.periods.echo(trial)):
+            if better and trial.feasible and not (periodic and self.periods.echo(trial, name)):
                 best = trial
         return best
 
@@ -422,6 +486,8 @@ class Search(Refiner):
             return self.periods.lines(fit)
         if isinstance(CANDIDATES[name], PositionWave):
             return self.periods.over_position(fit)
+        if isinstance(candidate := CANDIDATES[name], Rhythm):
+            return self.periods.courses(fit, candidate)
         if base_name(name) == UnmodelledResonance.name:
             return [
                 s for s in CANDIDATES[name].grid(self.regression.extent) if self.periods.resolved(name, s)
@@ -522,6 +588,9 @@ class Search(Refiner):
                 (new,) = set(trial.model) - set(rest.model)
                 rough = self.refined(trial, only=new, most=_ROUGH)
                 better = self.refined(rough) if rough.score < fit.score + _NEARER * reach else rough
+                # what a rhythm leaves is learned as noise, beside which its harmonic may look the better one
+                if isinstance(CANDIDATES[new], Rhythm) and self.plain_rms(better) > self.plain_rms(fit):
+                    continue
                 if better.feasible and better.score < (best or fit).score - least:
                     best = better
         return best

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from forefeel.common.causes.candidate import Fitted, Periodic, Values, base_name
 from forefeel.common.causes.catalogue import CANDIDATES
+from forefeel.common.causes.periodic import VARIES, Rhythm
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.regression import BASE, ModelFit, RecordingRegression
 from forefeel.diagnosis.verdict import HeldOut, Interval
@@ -199,6 +200,11 @@ def covariance_of(regression: RecordingRegression, fit: ModelFit) -> Floats:
     gram = (jacobian / scale).T @ (jacobian / scale)
     gram[np.diag_indices_from(gram)] += 1e-10
     variance = fit.rss / max(1, fit.n - len(scale))
+    known = np.zeros(len(fit.coefficients))
+    for name, shape in fit.model.items():  # what no row shows of a course is as uncertain as rates are
+        course = isinstance(CANDIDATES[name], Rhythm) and len(shape) > 1
+        known = np.append(known, np.full(len(shape), (VARIES * np.mean(shape)) ** -2.0 if course else 0.0))
+    gram[np.diag_indices_from(gram)] += variance * known / scale**2
     inverse = np.linalg.inv(gram)
     residual = regression.target - design @ fit.coefficients
     wider = np.sqrt(
@@ -230,7 +236,7 @@ def _slope(regression: RecordingRegression, fit: ModelFit, name: str, index: int
     """
     shape = fit.model[name]
     candidate = CANDIDATES[name]
-    if isinstance(candidate, Periodic):
+    if isinstance(candidate, Periodic | Rhythm):
         step = 0.02 / regression.extent.duration_s
     elif candidate.logarithmic:
         step = _STEP * abs(shape[index])
