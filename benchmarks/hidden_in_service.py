@@ -51,6 +51,7 @@ HIDDEN: dict[str, dict[str, float]] = {
     "sensor_quantisation": {"step_n": 0.06},
     "sensor_spikes": {"rate_hz": 1.0, "amplitude_n": 0.5},
     "pulsation": {"amplitude_n": 0.08, "frequency_hz": 1.17, "second_harmonic_ratio": 0.3},
+    "varying_pulsation": {"amplitude_n": 0.08, "frequency_hz": 1.17, "variation_hz": 0.1},
     "mains_hum": {"amplitude_n": 0.06, "frequency_hz": 50.0},
 }
 """What is hidden, and how large: 20 to 200 mN beside a wall of some 0.4 N."""

@@ -42,6 +42,13 @@ def test_shared_cause_gives_means() -> None:
     )
 
 
+def test_a_heart_whose_rate_varies_gives_its_mean_rate() -> None:
+    heart = {"amplitude_n": 0.02, "frequency_hz": 1.1, "rate_variation": 0.05}
+    found = loaded_causes(model(("varying_pulsation", heart), ("varying_pulsation", heart)))
+    assert found.means == {"heart.frequency_hz": 1.1, "heart.amplitude_n": 0.02}
+    assert [entry.effect for entry in found.further] == ["pulsation", "pulsation"]
+
+
 def test_further_cause_joins_by_its_name_in_the_list() -> None:
     loaded = model(
         ("backlash", {"width_m": 0.002}),
