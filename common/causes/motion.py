@@ -171,7 +171,7 @@ class Motion:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MotionGrid(Motion):
-    """The instrument's motion on the fine grid of a diagnosis, with the measured force.
+    """The instrument's motion on the fine grid of a diagnosis, with the measured force, which resists.
 
     `touching` is 1 in contact; `speed_band`: where v is noise; `decimated`: it is coarser than the samples.
     """

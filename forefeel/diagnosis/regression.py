@@ -182,6 +182,9 @@ class RecordingRegression:
         self._base = np.stack([s.linear_spectrum(d) for d in (2, 1, 0)])
         self.look = look(s, self._motion) if look_result is None else look_result
         self.sense = self.look.sense
+        self._motion = replace(self._motion, force=self.sense * self._motion.force)
+        low_n, high_n = sorted((self.sense * self.extent.low_n, self.sense * self.extent.high_n))
+        self.extent = replace(self.extent, low_n=low_n, high_n=high_n)
         self.whiten_by(white())
 
     def like(self, signals: Signals) -> "RecordingRegression":
@@ -389,10 +392,8 @@ class RecordingRegression:
         if candidate is None:
             at = {"sensor": self._motion.a, "shaft": motion.a, "wall": motion.a * motion.touching}
             columns = [at[mass_site(model)], motion.v * motion.touching, motion.x]
-        elif isinstance(candidate, Transmission):
-            columns = [motion.a]
-        elif isinstance(candidate, Modulation):
-            columns = [np.ones_like(motion.x)]
+        elif isinstance(candidate, Transmission | Modulation):
+            columns = candidate.columns(motion, shape)
         else:
             assert isinstance(candidate, Form)
             columns = candidate.columns(motion, shape)
@@ -417,7 +418,7 @@ class RecordingRegression:
 
     def _zero_is_offset(self, model: Model, owners: tuple[str, ...], coefficients: Floats) -> bool:
         """True if every factor takes the tip's force to be zero near the cell's offset."""
-        offset_n = float(coefficients[owners.index("bias")]) if "bias" in owners else 0.0
+        offset_n = self.sense * float(coefficients[owners.index("bias")]) if "bias" in owners else 0.0
         near_n = _NEAR_ZERO * (self.extent.high_n - self.extent.low_n)
         zeros_n = (shape[-1] for modulation, shape in changing(model, Modulation) if modulation.by_tip)
         return all(abs(zero_n - offset_n) < near_n for zero_n in zeros_n)
