@@ -29,19 +29,18 @@ from forefeel.common.causes.sensor import Bias
 
 SLIP_M_S = 0.15
 """Speed of a jump: a sliding friction of .1 to .5 N less than the holding force, on some 2 N s/m; chosen."""
-_NEAR = 0.6, 0.7, 0.78, 0.85, 0.9, 0.95, 0.985
-_NEARLY = 0.9
-_MOST_ROWS, _LEAST_ROWS, _ROUNDS = 4000, 20, 3
-_JUMPS = 0.005, 0.015, 0.05
-_CREEPS_S = 0.05, 0.5
-_FREE = 0.12, 0.3, 0.7, 1.5
-_LIMITS = 0.5, 0.7, 0.9, 1.1, 1.4
-_ZEROS = 0.0, 0.25
 _STRAIGHT_M = 1e-3  # m that are free at least: Euler's load has no bound where nothing is free
+# shares of ranges that are tried first, chosen: levels of a slip, jumps, creeps over the stiffness in s;
+# lengths beyond the farthest position, loads there, zeros of the cell
+_NEAR, _JUMPS, _CREEPS_S = (0.6, 0.7, 0.78, 0.85, 0.9, 0.95, 0.985), (0.005, 0.015, 0.05), (0.05, 0.5)
+_FREE, _LIMITS, _ZEROS = (0.12, 0.3, 0.7, 1.5), (0.5, 0.7, 0.9, 1.1, 1.4), (0.0, 0.25)
+_NEARLY = 0.9  # of a limit, below which nothing gives way: the band rounds its corners
+_MOST_ROWS, _LEAST_ROWS, _ROUNDS = 4000, 20, 5
+_ONE_SIDE_N = 1e4  # by which the other side's holding force is higher
 
 
-def _straight(m: MotionGrid, free: NDArray[np.bool_], apart: bool) -> tuple[Array, float]:
-    """(Force in N at the jaws, stiffness in N/m) of the damper and spring that hold where the wire is `free`.
+def _straight(m: MotionGrid, free: NDArray[np.bool_], apart: bool) -> tuple[Array, Array, float]:
+    """(Force in N at the jaws, that of the mass before them, stiffness in N/m) of where the wire is `free`.
 
     `apart`: each stretch has a level of its own, the force that of the first: after a slip all is at another
     zero.
@@ -53,11 +52,8 @@ def _straight(m: MotionGrid, free: NDArray[np.bool_], apart: bool) -> tuple[Arra
     away = rows - level[:, stretch]
     scale = np.sqrt(np.mean(away[:3] ** 2, axis=1)) + 1e-300
     theta = np.linalg.lstsq((away[:3] / scale[:, None]).T, away[3], rcond=1e-6)[0] / scale
-    level_n = level[3, 0] - theta[:2] @ level[:2, 0]
-    return np.asarray(theta[0] * m.v + theta[1] * m.x + level_n), float(theta[1])
-
-
-_ONE_SIDE_N = 1e4  # by which the other side's holding force is higher
+    level_n = level[3, 0] - theta @ level[:3, 0]
+    return np.asarray(theta[0] * m.v + theta[1] * m.x + level_n), np.asarray(theta[2] * m.a), float(theta[1])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -69,6 +65,7 @@ class Preloaded(Changing):
     mass_site: Site = "sensor"
     costly: bool = True
     logarithmic: bool = False
+    least_ratio: float = 2.0  # a wall that yields, or a tip that folds over, is like it by less
 
     def columns(self, motion: MotionGrid, shape: Shape) -> list[Array]:
         return [np.ones_like(motion.x)]
@@ -99,7 +96,7 @@ class Slipping(Preloaded, Transmission):
         free = side * motion.force < _NEARLY * abs(level_n)
         if not free.any():
             return motion
-        force_n, stiffness = _straight(motion, free, apart=True)
+        force_n, _, stiffness = _straight(motion, free, apart=True)
         effect = self.kind(**within(self.kind, {**self.values_at(shape), "holding_n": _ONE_SIDE_N}))
         return effect.slipped(motion, force_n - level_n + side * _ONE_SIDE_N, max(stiffness, 0.0))
 
@@ -206,8 +203,9 @@ class Bowed(Preloaded, Modulation):
         free = tip_n < _NEARLY * limit_n
         for _ in range(_ROUNDS):
             if np.count_nonzero(free) > _LEAST_ROWS:
-                force_n = _straight(motion, free, apart=False)[0] - zero_n
-                free = (force_n < _NEARLY * limit_n) & (tip_n < limit_n)
+                level_n, mass_n, _ = _straight(motion, free, apart=False)
+                force_n = level_n - zero_n
+                free = (force_n < _NEARLY * limit_n) & (tip_n - mass_n < limit_n)
         return np.asarray(effect.factor(motion, force_n))
 
 
@@ -244,12 +242,10 @@ class Buckling(FactorEffect):
     candidates: ClassVar[Sequence[Candidate]] = (
         Bowed(shapes=("load_n", "free_length_m"), grid=_loads),
         Bowed(
-            form="offset",
-            shapes=("load_n", "free_length_m", "zero_n"),
-            by_tip=True,
+            form="offset", shapes=("load_n", "free_length_m", "zero_n"), by_tip=True,
             grid=lambda extent: _loads(extent, _ZEROS),
         ),
-    )
+    )  # fmt: skip
     equation = ("at most {euler_n_m2} / ({free_length_m} - x)^2",)
 
     def factor(self, m: Kinematics, force_n: Value) -> Value:

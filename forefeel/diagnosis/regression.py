@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs
 
-from forefeel.common.causes.base import Site
+from forefeel.common.causes.base import ContactEffect, Site
 from forefeel.common.causes.candidate import (
     Alignment,
     Candidate,
@@ -187,13 +187,21 @@ class RecordingRegression:
         self.extent = replace(self.extent, low_n=low_n, high_n=high_n)
         self.whiten_by(white())
 
-    def like(self, signals: Signals) -> "RecordingRegression":
-        """Regression of the same bench along another motion, with this one's band, noise, extent and look."""
+    def like(self, signals: Signals, fit: ModelFit | None = None) -> "RecordingRegression":
+        """Regression of the same bench along another motion, with this one's band, noise, extent and look.
+
+        `fit`: by whose damper, spring and constants the force is replaced for what depends on it.
+        """
         other = RecordingRegression(signals, self.extent.speed_band, look_result=self.look)
         other.extent = self.extent
         of, nowhere = other._motion.further, np.zeros_like(other._motion.x)
         beside = {column.name: of.get(column.name, nowhere) for column in self.extent.further}
         other._motion = replace(other._motion, further=beside)
+        if fit is not None:
+            m, (_, damping, stiffness) = other._motion, self.sense * fit.coefficients[: len(BASE)]
+            constant = (n for n in fit.model if n == "bias" or CANDIDATES[n].coefficients == ("preload_n",))
+            level_n = self.sense * sum(float(fit.of(name)[0]) for name in constant)
+            other._motion = replace(m, force=damping * m.v + stiffness * m.x + level_n)
         other.whiten_by(self.noise)
         return other
 
@@ -461,8 +469,9 @@ def frame(model: Model, *kinds: type[Changing]) -> Frame:
 
 
 def changing(model: Model, kind: type[C]) -> list[tuple[C, Shape]]:
-    """Candidates of one kind with their shapes, in the order of `frame`: a play stands before a contact."""
+    """Candidates of one kind with their shapes, in the order of `frame`, but a contact after what moves."""
     pairs = [(CANDIDATES[name], shape) for name, shape in frame(model, kind)]
+    pairs.sort(key=lambda pair: issubclass(pair[0].kind, ContactEffect))
     return [(candidate, shape) for candidate, shape in pairs if isinstance(candidate, kind)]
 
 
