@@ -98,7 +98,9 @@ class Slipping(Preloaded, Transmission):
             return motion
         force_n, _, stiffness = _straight(motion, free, apart=True)
         effect = self.kind(**within(self.kind, {**self.values_at(shape), "holding_n": _ONE_SIDE_N}))
-        return effect.slipped(motion, force_n - level_n + side * _ONE_SIDE_N, max(stiffness, 0.0))
+        force_n += side * _ONE_SIDE_N - level_n
+        moved: MotionGrid = effect.slipped(motion, force_n, max(stiffness, 0.0))
+        return moved
 
 
 def _levels(extent: Extent, unit: float, shares: Sequence[float]) -> list[Shape]:
@@ -215,7 +217,7 @@ def _loads(extent: Extent, shares: Sequence[float] = ()) -> list[Shape]:
     """
     low_n, high_n, high_m = extent.low_n, extent.high_n, extent.high_m
     lengths = [high_m + share * extent.range_m for share in _FREE if high_m + share * extent.range_m > 0.0]
-    zeros = [(low_n + share * (high_n - low_n),) for share in shares] or [()]
+    zeros: list[Shape] = [(low_n + share * (high_n - low_n),) for share in shares] or [()]
     return [
         (limit * (high_n - sum(zero)) * (1.0 - high_m / length_m) ** 2, length_m, *zero)
         for length_m, zero, limit in product(lengths, zeros, _LIMITS) if high_n > sum(zero)

@@ -103,9 +103,10 @@ def test_what_gives_way_is_fitted_by_the_force_that_would_be_there_without(
 ) -> None:
     """Also where the cell shows the reaction; what is fitted, as a model.yaml, gives the force."""
     name, zero_n = form.partition(":")[0], shape[2] if len(shape) > 2 else 0.0
-    recording = recorded(body(0.03, 0.0, 0.0, "sensor"), body(0.0), effect(name, **parameters))
-    assert recording.force_n is not None
-    recording = replace(recording, force_n=sense * (recording.force_n + zero_n))
+    tared = recorded(body(0.03, 0.0, 0.0, "sensor"), body(0.0), effect(name, **parameters))
+    assert tared.force_n is not None
+    read_n = sense * (tared.force_n + zero_n)
+    recording = replace(tared, force_n=read_n)
     cleaned = clean(recording)
     regression = conditioned(recording, cleaned)
     at = {"bias": (), form: shape} if zero_n else {form: shape}
@@ -115,7 +116,7 @@ def test_what_gives_way_is_fitted_by_the_force_that_would_be_there_without(
     assert sense * fit.coefficients[2] == pytest.approx(25.0, rel=0.15)
     found = Analysis(cleaned, regression, Search(regression, []), plain, fit, recording, None)
     said = sense * extended_model(found, "made").runtime().forces_n(Motion.of(*motion()))
-    assert np.std((said - recording.force_n)[200:-200]) < 0.3 * before
+    assert np.std((said - read_n)[200:-200]) < 0.3 * before
     unmeasured = regression.like(regression.signals, fit)
     assert np.std(unmeasured.predicted(fit) - regression.predicted(fit)) < 0.5 * before
 
