@@ -214,8 +214,10 @@ class ContactRuntime:
         other, rows = deepcopy(self), list[list[float]]()
         for piece in stage.pieces:
             other.reset()
-            steps = (values[piece].tolist() for values in (stage.t, stage.x, stage.v, stage.a, stage.dt))
-            rows += [other.regressors(*step) for step in zip(*steps, strict=True)]
+            for i in range(*piece.indices(len(stage.t))):
+                other._sample.further = {name: float(values[i]) for name, values in stage.further.items()}
+                step = (float(values[i]) for values in (stage.t, stage.x, stage.v, stage.a, stage.dt))
+                rows.append(other.regressors(*step))
         return np.array(rows).reshape(len(stage.t), -1)
 
     def forces_n(self, motion: Motion) -> Array:
