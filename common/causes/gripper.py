@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 from math import copysign
 from typing import ClassVar
@@ -36,6 +37,7 @@ _NEAR, _JUMPS, _CREEPS_S = (0.6, 0.7, 0.78, 0.85, 0.9, 0.95, 0.985), (0.005, 0.0
 _FREE, _LIMITS, _ZEROS = (0.12, 0.3, 0.7, 1.5), (0.5, 0.7, 0.9, 1.1, 1.4), (0.0, 0.25)
 _NEARLY = 0.9  # of a limit, below which nothing gives way: the band rounds its corners
 _MOST_ROWS, _LEAST_ROWS, _ROUNDS = 4000, 20, 5
+_LEAST_SPRING = 0.2  # of the force's range: chosen
 _ONE_SIDE_N = 1e4  # by which the other side's holding force is higher
 
 
@@ -97,9 +99,11 @@ class Slipping(Preloaded, Transmission):
         if not free.any():
             return motion
         force_n, _, stiffness = _straight(motion, free, apart=True)
+        if stiffness * np.ptp(motion.x) < _LEAST_SPRING * np.ptp(motion.force):
+            return motion  # without a spring no force is lost by a slip: it then is a damper on one side
         effect = self.kind(**within(self.kind, {**self.values_at(shape), "holding_n": _ONE_SIDE_N}))
         force_n += side * _ONE_SIDE_N - level_n
-        moved: MotionGrid = effect.slipped(motion, force_n, max(stiffness, 0.0))
+        moved: MotionGrid = effect.slipped(motion, force_n, stiffness)
         return moved
 
 
@@ -152,6 +156,7 @@ class GripperSlip(MotionEffect):
     )
     by_force = True
     picture = "time"
+    needs_spring = True
     reference = (
         "Coulomb's law at the jaws; creep: Bingham, Fluidity and Plasticity, 1922, a rate by what exceeds a "
         "limit"
@@ -199,16 +204,22 @@ class Bowed(Preloaded, Modulation):
         return {"euler_n_m2": shape[0] * shape[1] ** 2, "free_length_m": shape[1]}
 
     def factor(self, motion: MotionGrid, shape: Shape) -> Array:
-        effect, zero_n = self.effect(shape), shape[-1] if self.by_tip else 0.0
-        tip_n = motion.force - zero_n
-        limit_n = force_n = effect.limit_n(motion)
-        free = tip_n < _NEARLY * limit_n
-        for _ in range(_ROUNDS):
-            if np.count_nonzero(free) > _LEAST_ROWS:
-                level_n, mass_n, _ = _straight(motion, free, apart=False)
-                force_n = level_n - zero_n
-                free = (force_n < _NEARLY * limit_n) & (tip_n - mass_n < limit_n)
-        return np.asarray(effect.factor(motion, force_n))
+        return _borne(self, motion, shape)
+
+
+@lru_cache(4)  # for each cause of a model anew
+def _borne(form: Bowed, motion: MotionGrid, shape: Shape) -> Array:
+    """Share that a wire bears of the force that it would bear straight, which is fitted where it is free."""
+    effect, zero_n = form.effect(shape), shape[-1] if form.by_tip else 0.0
+    tip_n = motion.force - zero_n
+    limit_n = force_n = effect.limit_n(motion)
+    free = tip_n < _NEARLY * limit_n
+    for _ in range(_ROUNDS):
+        if np.count_nonzero(free) > _LEAST_ROWS:
+            level_n, mass_n, _ = _straight(motion, free, apart=False)
+            force_n = level_n - zero_n
+            free = (force_n < _NEARLY * limit_n) & (tip_n - mass_n < limit_n)
+    return np.asarray(effect.factor(motion, force_n))
 
 
 def _loads(extent: Extent, shares: Sequence[float] = ()) -> list[Shape]:
