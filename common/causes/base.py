@@ -227,6 +227,9 @@ class ForceEffect(Effect):
 class MotionEffect(Effect):
     """A cause between stage and instrument, which changes the motion."""
 
+    by_force: ClassVar[bool] = False
+    """Depends on `force` of the motion."""
+
     @abstractmethod
     def moved(self, m: Kinematics) -> Kinematics:
         """The instrument's motion for the stage's motion m, of the type of m, see `along`."""

@@ -259,6 +259,9 @@ class Alignment(Changing):
 class Transmission(Changing):
     """Changes the motion for all forces. Its own column is the acceleration of a second mass behind it."""
 
+    def columns(self, motion: MotionGrid, shape: Shape) -> list[Array]:
+        return [motion.a]
+
     def moved(self, motion: MotionGrid, shape: Shape) -> MotionGrid:
         """Returns the motion behind the cause at a shape; the given motion stays as it is.
 
@@ -281,6 +284,9 @@ class Modulation(Changing):
     """
 
     by_tip: bool = False
+
+    def columns(self, motion: MotionGrid, shape: Shape) -> list[Array]:
+        return [np.ones_like(motion.x)]
 
     def factor(self, motion: MotionGrid, shape: Shape) -> Array:
         force_n = motion.force - shape[-1] if self.by_tip else 1.0

@@ -30,9 +30,13 @@ Value: TypeAlias = Any
 
 
 class MotionSample:
-    """Stamp in s, motion in m, m/s, m/s^2 at the end of a step of dt in s."""
+    """Stamp in s, motion in m, m/s, m/s^2 at the end of a step of dt in s.
 
-    __slots__ = ("a", "dt", "further", "t", "v", "x")
+    `force`: N at the gripper's jaws after the last step, positive where it resists insertion; kept for
+    effects that are `by_force`.
+    """
+
+    __slots__ = ("a", "dt", "force", "further", "t", "v", "x")
     further: Mapping[str, float]
     rate: float
     exp = math.exp
@@ -47,7 +51,7 @@ class MotionSample:
 
     def __init__(self, t: float, x: float, v: float, a: float, dt: float) -> None:
         self.t, self.x, self.v, self.a, self.dt = t, x, v, a, dt
-        self.further = {}
+        self.force, self.further = 0.0, {}
 
     @property
     def depth(self) -> float:
@@ -95,6 +99,7 @@ class Motion:
 
     `dt`: the interval before each stamp, 0 before the first, where every effect is at rest. `pieces`:
     stretches, in each of which memories begin anew. `further`: what was measured beside, by its name.
+    `force`: N that were measured, if any.
     """
 
     t: Array
@@ -104,6 +109,7 @@ class Motion:
     dt: Array
     pieces: tuple[slice, ...] = (slice(None),)
     further: Mapping[str, Array] = field(default_factory=dict)
+    force: Value = field(default=0.0, kw_only=True)
 
     exp = staticmethod(np.exp)
     expm1 = staticmethod(np.expm1)
@@ -113,9 +119,9 @@ class Motion:
     clip = staticmethod(np.clip)
 
     @classmethod
-    def of(cls, t: Array, x: Array, v: Array, a: Array) -> "Motion":
+    def of(cls, t: Array, x: Array, v: Array, a: Array, force: Value = 0.0) -> "Motion":
         """One piece, by its stamps."""
-        return Motion(t, x, v, a, intervals_s(t))
+        return Motion(t, x, v, a, intervals_s(t), force=force)
 
     def __getitem__(self, rows: Any) -> Self:  # noqa: ANN401 - any index of an array
         """Some of its samples, as one piece."""
@@ -165,7 +171,7 @@ class Motion:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class MotionGrid(Motion):
-    """The instrument's motion on the fine grid of a diagnosis, and the measured force in N.
+    """The instrument's motion on the fine grid of a diagnosis, with the measured force, which resists.
 
     `touching` is 1 in contact; `speed_band`: where v is noise; `decimated`: it is coarser than the samples.
     """
@@ -173,7 +179,6 @@ class MotionGrid(Motion):
     touching: Array
     speed_band: float
     decimated: bool
-    force: Array
 
     @cached_property
     def rate(self) -> Array:

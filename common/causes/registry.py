@@ -19,6 +19,7 @@ from forefeel.common.causes import (
     column,
     damping,
     friction,
+    gripper,
     periodic,
     sensor,
     transmission,
@@ -43,8 +44,9 @@ ENTRY_POINT_GROUP = "forefeel.effects"
 OWN: dict[str, type[Effect]] = {
     effect.name: effect
     for effect in (
-        damping.AsymmetricDamping, transmission.Backlash, sensor.Bias, capstan.Capstan, wall.ContactLoss,
-        friction.CoulombFriction, wall.ExponentialWall, periodic.GravityLoad, damping.HuntCrossleyDamping,
+        damping.AsymmetricDamping, transmission.Backlash, sensor.Bias, gripper.Buckling, capstan.Capstan,
+        wall.ContactLoss, friction.CoulombFriction, wall.ExponentialWall, periodic.GravityLoad,
+        gripper.GripperSlip, damping.HuntCrossleyDamping,
         periodic.MainsHum, wall.MassDamperSpring, transmission.Play, friction.PositionDependentFriction,
         periodic.PositionMap, friction.PreslidingHysteresis, periodic.Pulsation, damping.QuadraticDrag,
         sensor.SensorDrift, sensor.SensorLag, sensor.SensorQuantisation, sensor.SensorSaturation,

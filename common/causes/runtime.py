@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from itertools import pairwise
 from operator import mul
@@ -48,11 +49,12 @@ class WallMotion:
 class ContactRuntime:
     """Steps a composition of effects. Per step, in this order:
 
-    1. motion effects turn the stage's motion into the instrument's, in the order given;
+    1. motion effects turn the stage's motion into the instrument's, in the order given; those `by_force` by
+       the sum of 4 after the step before;
     2. `contact_loss`, where there is one, decides on contact and gives the depth that the wall's effects see
        as their position; out of contact they give 0, and their state is reset;
     3. force effects are summed: those in the sensor see the stage's motion, the others the instrument's;
-    4. factor effects multiply the forces of shaft and wall, by the sum of these forces;
+    4. factor effects multiply the forces of shaft and wall, in the order given, by the sum of these forces;
     5. sensor effects turn the force into the reading, in the order given.
 
     `regressors` stops before 5: bias and drift are force effects in the sensor and take part, a lag does not.
@@ -77,6 +79,7 @@ class ContactRuntime:
         self._readings = [effect.reading for effect in self._sensors]
         self._motions = [effect for effect in self._effects if isinstance(effect, MotionEffect)]
         self._moved = [effect.moved for effect in self._motions]
+        self._by_force = any(effect.by_force for effect in self._motions)
         self._factors = [effect for effect in self._effects if isinstance(effect, FactorEffect)]
         contacts = [effect for effect in self._effects if isinstance(effect, ContactEffect)]
         if len(contacts) > 1:
@@ -147,8 +150,10 @@ class ContactRuntime:
         if self._factors:
             force_n, factor = sum(map(mul, self.linear_values[first:], phi[first:])), 1.0
             for effect in self._factors:
-                factor *= effect.factor(m, force_n)
+                factor *= effect.factor(m, factor * force_n)
             phi[first:] = [factor * value for value in phi[first:]]
+        if self._by_force:
+            m.force = sum(map(mul, self.linear_values[first:], phi[first:]))
         return phi
 
     def regressors_unheld(self, t: float, x: float, v: float, a: float, dt: float) -> list[float]:
@@ -184,7 +189,14 @@ class ContactRuntime:
         Equals `regressors` step by step, but changes no state. `sensed`: passes each column through the
         linear sensor effects, such as a lag.
         """
-        stage = m = motion
+        phi = self._stepped(motion) if self._by_force else self._at_once(motion)
+        for sensor in self._sensors if sensed else ():
+            if sensor.linear:
+                phi = np.stack([sensor.reading(motion, column) for column in phi.T], axis=1)
+        return phi
+
+    def _at_once(self, stage: Motion) -> Array:
+        m = stage
         for moved in self._moved:
             m = moved(m)
         wall = WallMotion(self._contact, m)
@@ -192,12 +204,21 @@ class ContactRuntime:
         at_tip = np.concatenate([np.empty((len(stage.t), 0)), *acting], axis=1)
         if self._factors:
             force_n = at_tip @ np.array(self.linear_values[len(self.linear_values) - at_tip.shape[1] :])
-            at_tip *= np.prod([effect.factor(m, force_n) for effect in self._factors], axis=0)[:, None]
-        phi = np.concatenate([*(effect.columns(stage) for effect in self._sensor), at_tip], axis=1)
-        for sensor in self._sensors if sensed else ():
-            if sensor.linear:
-                phi = np.stack([sensor.reading(stage, column) for column in phi.T], axis=1)
-        return phi
+            for effect in self._factors:
+                factor = effect.factor(m, force_n)
+                at_tip, force_n = at_tip * factor[:, None], force_n * factor
+        return np.concatenate([*(effect.columns(stage) for effect in self._sensor), at_tip], axis=1)
+
+    def _stepped(self, stage: Motion) -> Array:
+        """`regressors` at each step: what the force moves can not be had at once."""
+        other, rows = deepcopy(self), list[list[float]]()
+        for piece in stage.pieces:
+            other.reset()
+            for i in range(*piece.indices(len(stage.t))):
+                other._sample.further = {name: float(values[i]) for name, values in stage.further.items()}
+                step = (float(values[i]) for values in (stage.t, stage.x, stage.v, stage.a, stage.dt))
+                rows.append(other.regressors(*step))
+        return np.array(rows).reshape(len(stage.t), -1)
 
     def forces_n(self, motion: Motion) -> Array:
         """`step` at every stamp of a recorded motion, from rest at the first; shape (n,)."""
@@ -218,7 +239,7 @@ class ContactRuntime:
         for effect in self._effects:
             if not isinstance(effect, SensorEffect):
                 effect.reset()
-        self._touching = False
+        self._touching, self._sample.force = False, 0.0
 
     def reset(self) -> None:
         self.reset_contact()

@@ -296,7 +296,7 @@ class _Solver:
         self._y, self._count = y[rows] * np.sqrt(w), float(w.sum())
         self._spread2 = max(float(np.cov(y[rows], aweights=w, bias=True)), 1e-18)
         self._mean, self._sd = job.belief.shape_of(job.motion)
-        self._columns = _Columns(job.causes, job.samples[:4], rows, np.sqrt(w), self._mean, pause)
+        self._columns = _Columns(job.causes, job.samples, rows, np.sqrt(w), self._mean, pause)
         self._differences = np.array([_STEP_OF_RANGE * job.motion.range_m, *_DIFFERENCES])
         self._noise2_before, self._noise_count = self._spread2 * _COLD_NOISE**2, _COLD_COUNT
         if isfinite(job.belief.noise_n):

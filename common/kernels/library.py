@@ -26,6 +26,7 @@ _ENTRIES: Mapping[str, tuple[Any, ...]] = {
     "lag": (None, *[_ADDRESS] * 2, _DOUBLE, _ADDRESS, _LONG),
     "gap": (None, *[_ADDRESS] * 6, _LONG),
     "oscillator": (None, *[_ADDRESS] * 7, _LONG),
+    "slip": (None, *[_ADDRESS] * 8, _LONG),
 }
 """Type of the result, then of the arguments."""
 

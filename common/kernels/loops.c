@@ -54,3 +54,18 @@ void oscillator(const double *a, const double *ec, const double *es, const doubl
         w_out[i] = w;
     }
 }
+
+/* Way through the jaws, and that of each step: jumps, or for a jump of 0 creeps, where |force| > holding, that
+   force being less by the stiffness times the way */
+void slip(const double *force, const double *stiffness, const double *holding, const double *jump, const double *reach,
+          const double *per_n, double *slipped, double *way, long n) {
+    double total = 0.0, left = 0.0;
+    for (long i = 0; i < n; i++) {
+        double felt = force[i] - stiffness[i] * total, over = fabs(felt) - holding[i];
+        if (left == 0.0 && over > 0.0)
+            left = copysign(jump[i] != 0.0 ? jump[i] : over * per_n[i], felt);
+        way[i] = least(most(left, -reach[i]), reach[i]);
+        left = jump[i] != 0.0 ? left - way[i] : 0.0;
+        slipped[i] = total += way[i];
+    }
+}

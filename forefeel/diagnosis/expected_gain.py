@@ -81,7 +81,7 @@ def expected_gain(
     errors = parameter_errors(regression, fit, rng)
     here_n2 = powers(regression, base, fit, errors)[2]
     ratios: list[Floats] = []
-    for other in _along_other_motions(regression, rng):
+    for other in _along_other_motions(regression, fit, rng):
         wrong_n2, plain_n2, there_n2 = powers(other, base, fit, errors)
         shown = np.exp(_MISFIT * rng.standard_normal(_DRAWS)) * there_n2 / max(here_n2, 1e-300)
         left_n2 = left_n**2 * (noise_share + (1.0 - noise_share) * shown)
@@ -125,7 +125,9 @@ def less_own(regression: RecordingRegression, fit: ModelFit, columns: Floats) ->
     return np.asarray(columns[rows] - table @ np.linalg.lstsq(table, columns[rows], rcond=1e-9)[0])
 
 
-def _along_other_motions(regression: RecordingRegression, rng: Generator) -> Iterator[RecordingRegression]:
+def _along_other_motions(
+    regression: RecordingRegression, fit: ModelFit, rng: Generator
+) -> Iterator[RecordingRegression]:
     """Yields a regression of the same bench along each path of `_other_paths`, made of the first 30 s of the
     longest piece, with no measured force (zeros); skips one that is too short to be conditioned.
     """
@@ -140,7 +142,7 @@ def _along_other_motions(regression: RecordingRegression, rng: Generator) -> Ite
         if other is None:
             continue
         other.moved_to(signals.origin_s)
-        yield regression.like(other)
+        yield regression.like(other, fit)
 
 
 def _other_paths(t: Floats, x: Floats, rng: Generator) -> Iterator[Floats]:

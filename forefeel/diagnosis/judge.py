@@ -314,7 +314,8 @@ class Judge:
         for other in self.search.names:
             if base_name(other) not in closed and self.search.open_to(rest, other):
                 trial = self.search.best_with(rest, other, worst)
-                if trial is not None:
+                # one of many shapes that would not be named beside the rest is no rival there
+                if trial is not None and (not CANDIDATES[other].costly or self.search.worth(trial, rest)):
                     yield other, trial
 
     def doubted(self) -> str | None:

@@ -13,7 +13,7 @@ from typing import TypeVar
 import numpy as np
 from scipy.linalg.lapack import dpotrf, dpotrs
 
-from forefeel.common.causes.base import Site
+from forefeel.common.causes.base import ContactEffect, Site
 from forefeel.common.causes.candidate import (
     Alignment,
     Candidate,
@@ -183,15 +183,26 @@ class RecordingRegression:
         self._base = np.stack([s.linear_spectrum(d) for d in (2, 1, 0)])
         self.look = look(s, self._motion) if look_result is None else look_result
         self.sense = self.look.sense
+        self._motion = replace(self._motion, force=self.sense * self._motion.force)
+        low_n, high_n = sorted((self.sense * self.extent.low_n, self.sense * self.extent.high_n))
+        self.extent = replace(self.extent, low_n=low_n, high_n=high_n)
         self.whiten_by(white())
 
-    def like(self, signals: Signals) -> "RecordingRegression":
-        """Regression of the same bench along another motion, with this one's band, noise, extent and look."""
+    def like(self, signals: Signals, fit: ModelFit | None = None) -> "RecordingRegression":
+        """Regression of the same bench along another motion, with this one's band, noise, extent and look.
+
+        `fit`: by whose damper, spring and constants the force is replaced for what depends on it.
+        """
         other = RecordingRegression(signals, self.extent.speed_band, look_result=self.look)
         other.extent = self.extent
         of, nowhere = other._motion.further, np.zeros_like(other._motion.x)
         beside = {column.name: of.get(column.name, nowhere) for column in self.extent.further}
         other._motion = replace(other._motion, further=beside)
+        if fit is not None:
+            m, (_, damping, stiffness) = other._motion, self.sense * fit.coefficients[: len(BASE)]
+            constant = (n for n in fit.model if n == "bias" or CANDIDATES[n].coefficients == ("preload_n",))
+            level_n = self.sense * sum(float(fit.of(name)[0]) for name in constant)
+            other._motion = replace(m, force=damping * m.v + stiffness * m.x + level_n)
         other.whiten_by(self.noise)
         return other
 
@@ -398,10 +409,8 @@ class RecordingRegression:
         if candidate is None:
             at = {"sensor": self._motion.a, "shaft": motion.a, "wall": motion.a * motion.touching}
             columns = [at[mass_site(model)], motion.v * motion.touching, motion.x]
-        elif isinstance(candidate, Transmission):
-            columns = [motion.a]
-        elif isinstance(candidate, Modulation):
-            columns = [np.ones_like(motion.x)]
+        elif isinstance(candidate, Transmission | Modulation):
+            columns = candidate.columns(motion, shape)
         else:
             assert isinstance(candidate, Form)
             columns = candidate.columns(motion, shape)
@@ -426,7 +435,7 @@ class RecordingRegression:
 
     def _zero_is_offset(self, model: Model, owners: tuple[str, ...], coefficients: Floats) -> bool:
         """True if every factor takes the tip's force to be zero near the cell's offset."""
-        offset_n = float(coefficients[owners.index("bias")]) if "bias" in owners else 0.0
+        offset_n = self.sense * float(coefficients[owners.index("bias")]) if "bias" in owners else 0.0
         near_n = _NEAR_ZERO * (self.extent.high_n - self.extent.low_n)
         zeros_n = (shape[-1] for modulation, shape in changing(model, Modulation) if modulation.by_tip)
         return all(abs(zero_n - offset_n) < near_n for zero_n in zeros_n)
@@ -469,8 +478,9 @@ def frame(model: Model, *kinds: type[Changing]) -> Frame:
 
 
 def changing(model: Model, kind: type[C]) -> list[tuple[C, Shape]]:
-    """Candidates of one kind with their shapes, in the order of `frame`: a play stands before a contact."""
+    """Candidates of one kind with their shapes, in the order of `frame`, but a contact after what moves."""
     pairs = [(CANDIDATES[name], shape) for name, shape in frame(model, kind)]
+    pairs.sort(key=lambda pair: issubclass(pair[0].kind, ContactEffect))
     return [(candidate, shape) for candidate, shape in pairs if isinstance(candidate, kind)]
 
 

@@ -32,6 +32,7 @@ _UNITS = {
     "_s": "s",
 }
 """By the end of a parameter's name, the longest first."""
+_PRODUCTS = {"euler_n_m2": ("euler", "N m²")}  # whose names end as a quotient's
 
 _USUAL, _MOST = 3, 6  # digits of a value without an interval, and of any
 
@@ -78,6 +79,8 @@ class Shown:
 
 def split_unit(name: str) -> tuple[str, str]:
     """(label, unit) of a parameter: `damping_n_s_m` is `damping` in `N s/m`; the unit may be empty."""
+    if name in _PRODUCTS:
+        return _PRODUCTS[name]
     for end, unit in _UNITS.items():
         if name.endswith(end) and len(name) > len(end):
             return name.removesuffix(end).replace("_", " "), unit

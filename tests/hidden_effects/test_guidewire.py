@@ -1,7 +1,7 @@
 """The guidewires' recordings are what their truth says, and their wire obeys the formulas of its physics."""
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -10,8 +10,19 @@ from tests.hidden_effects.guidewire import KINDS, draw
 from tests.hidden_effects.guidewire.patient import Rhythm
 from tests.hidden_effects.guidewire.wire import Rub, Run, Wire, along, euler_n, force, swinging
 from tests.hidden_effects.laboratory.motion import Motion, moved
-from tests.hidden_effects.laboratory.score import judge, statements
+from tests.hidden_effects.laboratory.score import NAMED, judge, statements
+from tests.hidden_effects.laboratory.truth import Array
+from tests.hidden_effects.product import diagnosed
 from tests.hidden_effects.test_laboratory import _answer, _truth
+
+
+class Seen(NamedTuple):
+    """All that the diagnosis sees of a recording."""
+
+    time_s: Array
+    position_m: Array
+    force_n: Array
+
 
 _BARE = Wire(mass_kg=0.0, damping_n_s_m=0.0, stiffness_n_m=50.0)
 
@@ -149,3 +160,11 @@ def test_what_is_said_first_is_told_apart(
     truth: dict[str, Any], answer: dict[str, Any], expected: set[str]
 ) -> None:
     assert statements(judge(_truth(**truth), answer)) == expected
+
+
+@pytest.mark.parametrize(("seed", "name"), [(1029, "gripper_slip"), (1052, "buckling")])
+def test_a_wire_that_gives_way_at_the_gripper_is_named(seed: int, name: str) -> None:
+    """A creep that an untared cell shows, and a bow."""
+    recorded = draw("new", seed)
+    answer = diagnosed(Seen(recorded.time_s, recorded.position, recorded.force))
+    assert answer.verdict in NAMED and answer.names[0] == name

@@ -42,6 +42,12 @@ def random_motion(seed: int, n: int = 400) -> tuple[Array, Array, Array, Array]:
     return t, x, v, np.gradient(v, t)
 
 
+def forced(seed: int) -> Motion:
+    """Random motion whose acceleration serves as the force at the jaws."""
+    motion = random_motion(seed)
+    return Motion.of(*motion, force=motion[3])
+
+
 def random_effect(kind: type[Effect], seed: int) -> Effect:
     """Parameters over the decades of their bounds that matter for such a motion, near the defaults too."""
     random = np.random.default_rng(seed)
@@ -56,11 +62,14 @@ def random_effect(kind: type[Effect], seed: int) -> Effect:
 
 def steps_of(motion: Motion) -> list[MotionSample]:
     rows = np.stack((motion.t, motion.x, motion.v, motion.a, motion.dt), axis=1)
-    return [MotionSample(*row) for row in rows.tolist()]
+    samples = [MotionSample(*row) for row in rows.tolist()]
+    for sample, force_n in zip(samples, np.broadcast_to(motion.force, motion.t.shape).tolist(), strict=True):
+        sample.force = force_n
+    return samples
 
 
 def evaluated(effect: Effect, m: Any) -> tuple[Any, ...]:  # noqa: ANN401 - a sample or a motion
-    """Whatever the effect makes of a sample or of a motion, whose position serves as the force, too."""
+    """Whatever the effect makes of a sample or of a motion, whose position or acceleration is the force."""
     if isinstance(effect, ForceEffect):
         return effect.regressors(m)
     if isinstance(effect, MotionEffect):
@@ -87,14 +96,14 @@ def whole(effect: Effect, motion: Motion) -> Array:
 @quick
 @given(seeds)
 def test_a_whole_recording_is_what_its_steps_are(name: str, seed: int) -> None:
-    effect, motion = random_effect(OWN[name], seed), Motion.of(*random_motion(seed))
+    effect, motion = random_effect(OWN[name], seed), forced(seed)
     assert_same(whole(effect, motion), stepwise(effect, motion))
 
 
 @pytest.mark.parametrize("name", sorted(OWN))
 def test_a_whole_recording_neither_sees_nor_changes_the_state(name: str) -> None:
     effect = random_effect(OWN[name], 1)
-    motion, other = (Motion.of(*random_motion(seed)) for seed in (2, 3))
+    motion, other = (forced(seed) for seed in (2, 3))
     first = whole(effect, motion)
     effect.reset()
     expected = stepwise(effect, other)
@@ -149,6 +158,9 @@ MEMORY: list[dict[str, Any]] = [
     {"effect": "bias", "parameters": {"force_n": 0.03}},
     {"effect": "sensor_lag", "parameters": {"time_constant_s": 0.02}},
     {"effect": "sensor_saturation", "parameters": {"limit_n": 0.3}},
+    {"effect": "gripper_slip", "parameters": {"holding_n": 0.1, "slipped_m": 0.001}},
+    {"effect": "capstan", "parameters": {"wrap_rad": 0.3}},
+    {"effect": "buckling", "parameters": {"euler_n_m2": 1e-4, "free_length_m": 0.03}},
 ]
 
 

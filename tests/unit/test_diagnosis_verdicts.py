@@ -10,9 +10,11 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.motion import Motion
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.analysis import analyse
+from forefeel.diagnosis.analysis import Analysis, analyse, conditioned
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.extended_model import extended_model
+from forefeel.diagnosis.search import Search
+from forefeel.diagnosis.sensor_faults import clean
 
 RATE_HZ, SECONDS = 500.0, 12.0
 
@@ -84,6 +86,39 @@ def test_tip_of_a_bent_shaft_may_pull_and_push() -> None:
     said = extended_model(found.analysis, "made").runtime().forces_n(Motion.of(*motion()))
     assert recording.force_n is not None
     assert np.std((said - recording.force_n)[200:-200]) < 4e-3
+
+
+@pytest.mark.parametrize(
+    ("form", "shape", "parameters"),
+    [
+        ("gripper_slip", (0.45, 1e-3), {"holding_n": 0.45, "slipped_m": 1e-3}),
+        ("gripper_slip:creep", (0.45, 8.0), {"holding_n": 0.45, "creep_n_s_m": 8.0}),
+        ("buckling", (0.12, 0.05), {"euler_n_m2": 3e-4, "free_length_m": 0.05}),
+        ("buckling:offset", (0.12, 0.05, 0.1), {"euler_n_m2": 3e-4, "free_length_m": 0.05}),
+    ],
+)
+@pytest.mark.parametrize("sense", [1.0, -1.0])
+def test_what_gives_way_is_fitted_by_the_force_that_would_be_there_without(
+    form: str, shape: tuple[float, ...], parameters: dict[str, float], sense: float
+) -> None:
+    """Also where the cell shows the reaction; what is fitted, as a model.yaml, gives the force."""
+    name, zero_n = form.partition(":")[0], shape[2] if len(shape) > 2 else 0.0
+    tared = recorded(body(0.03, 0.0, 0.0, "sensor"), body(0.0), effect(name, **parameters))
+    assert tared.force_n is not None
+    read_n = sense * (tared.force_n + zero_n)
+    recording = replace(tared, force_n=read_n)
+    cleaned = clean(recording)
+    regression = conditioned(recording, cleaned)
+    at = {"bias": (), form: shape} if zero_n else {form: shape}
+    fit, plain = regression.fit(at), regression.fit({"bias": ()})
+    before, after = (np.std(regression.residual(each)[regression.rows]) for each in (plain, fit))
+    assert fit.feasible and after < 0.25 * before
+    assert sense * fit.coefficients[2] == pytest.approx(25.0, rel=0.15)
+    found = Analysis(cleaned, regression, Search(regression, []), plain, fit, recording, None)
+    said = sense * extended_model(found, "made").runtime().forces_n(Motion.of(*motion()))
+    assert np.std((said - read_n)[200:-200]) < 0.3 * before
+    unmeasured = regression.like(regression.signals, fit)
+    assert np.std(unmeasured.predicted(fit) - regression.predicted(fit)) < 0.5 * before
 
 
 def test_without_a_cause_only_the_noise_decides_what_is_said() -> None:

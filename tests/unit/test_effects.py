@@ -15,9 +15,11 @@ from forefeel.common.causes.friction import (
     PreslidingHysteresis,
     StribeckFriction,
 )
+from forefeel.common.causes.gripper import SLIP_M_S, Buckling, GripperSlip
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.motion import BAND_M_S, MotionSample
 from forefeel.common.causes.periodic import GravityLoad, MainsHum, Pulsation
+from forefeel.common.causes.runtime import ContactRuntime
 from forefeel.common.causes.sensor import (
     Bias,
     SensorDrift,
@@ -191,6 +193,40 @@ def test_a_shaft_whose_bends_grow_with_its_length_multiplies_more_the_deeper_it_
 ) -> None:
     effect = Capstan(wrap_rad=0.1, wrap_rad_m=20.0)
     assert effect.factor(MotionSample(0.0, x, v, 0.0, DT), tip_n) == pytest.approx(exp(exponent))
+
+
+@pytest.mark.parametrize(
+    ("x", "force_n", "borne_n"),
+    [(0.02, 0.3, 0.3), (0.02, -9.0, -9.0), (0.02, 9.0, 0.5), (0.07, 9.0, 8.0), (0.2, 900.0, 800.0)],
+)
+def test_a_wire_bears_eulers_load_of_what_is_free(x: float, force_n: float, borne_n: float) -> None:
+    effect = Buckling(euler_n_m2=8e-4, free_length_m=0.06 if x == 0.02 else 0.08)
+    assert force_n * effect.factor(MotionSample(0.0, x, 0.0, 0.0, DT), force_n) == pytest.approx(borne_n)
+
+
+def pulled(effect: GripperSlip, path_m: list[float], stiffness_n_m: float) -> tuple[list[float], list[float]]:
+    """Forces of a spring behind the gripper, and ways slipped, along a path at steps of DT."""
+    spring = MassDamperSpring(mass_kg=0.0, damping_n_s_m=0.0, stiffness_n_m=stiffness_n_m)
+    runtime = ContactRuntime([(spring, None), (effect, None)])
+    forces = [(runtime.step(i * DT, x, 0.0, 0.0, DT), x - runtime.instrument_m) for i, x in enumerate(path_m)]
+    return [f for f, _ in forces], [slipped for _, slipped in forces]
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_wire_jumps_by_the_same_way_each_time_that_the_force_passes_what_holds(side: float) -> None:
+    path_m = [side * min(1e-5 * i, 0.01) for i in range(1400)]
+    forces, slipped = pulled(GripperSlip(holding_n=0.5, slipped_m=2e-3), path_m, 100.0)
+    assert max(side * f for f in forces) == pytest.approx(0.5, abs=2e-3)
+    assert side * slipped[-1] == pytest.approx(3 * 2e-3)  # at 5, 7 and 9 mm
+    assert sum(a != b for a, b in pairwise(slipped)) == 3 * -(-2e-3 // (SLIP_M_S * DT))
+    assert side * forces[-1] == pytest.approx(0.4)
+
+
+def test_a_wire_creeps_until_the_force_is_what_holds() -> None:
+    path_m = [0.01] * 2000
+    forces, _ = pulled(GripperSlip(holding_n=0.5, creep_n_s_m=20.0), path_m, 100.0)
+    assert forces[201] == pytest.approx(0.5 + 0.5 * exp(-0.2 * 100.0 / 20.0), rel=5e-3)
+    assert forces[-1] == pytest.approx(0.5, rel=1e-3)
 
 
 @pytest.mark.parametrize("steps", [1, 10, 1000])
