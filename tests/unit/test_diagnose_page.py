@@ -145,7 +145,7 @@ def test_every_cause_has_words_and_known_parameters() -> None:
             assert {field for _, field, _, _ in Formatter().parse(text) if field} <= known, name
 
 
-@pytest.mark.parametrize("name", CANDIDATES)
+@pytest.mark.parametrize("name", [name for name in CANDIDATES if "with_column" not in name])
 def test_every_cause_of_the_motion_has_its_picture(rubbing: Diagnosed, name: str) -> None:
     figure = picture(with_model(rubbing.analysis, name), name)
     assert all(len(line["rows"]) > 10 for spec in figure.specs for line in spec["panels"][0]["lines"])
