@@ -251,6 +251,31 @@ class Increment(Memory):
         return np.diff(u, prepend=u[:1])
 
 
+class Most(Memory):
+    """`y <- max(y, u)`: as far as something was pushed, at least 0."""
+
+    def step(self, u: float) -> Value:
+        self.value = max(self.value, u)
+        return self.value
+
+    @staticmethod
+    def run(u: Array) -> Array:
+        return np.maximum.accumulate(np.maximum(u, 0.0))
+
+
+class Relay(Memory):
+    """1 from u > high on until u < low, 0 at first (Krasnosel'skii and Pokrovskii, see `Gap`)."""
+
+    def step(self, u: float, high: float, low: float) -> Value:
+        self.value = 1.0 if u > high else 0.0 if u < low else self.value
+        return self.value
+
+    @staticmethod
+    def run(u: Array, high: Array, low: Array) -> Array:
+        last = np.maximum.accumulate(np.where((u > high) | (u < low), np.arange(len(u)), -1))
+        return np.asarray((last >= 0) & (u > high)[last], dtype=np.float64)
+
+
 class Bristle(Memory):
     """`du = (1 - u sgn(d)) d`, exact for any d, with decay = exp(-|d|): saturates at +-1 (Dahl, 1968)."""
 

@@ -118,7 +118,7 @@ class Pulsation(PeriodicForce):
 
     name = "pulsation"
     site = "wall"
-    parameters = harmonic_parameters(1.2, 0.05, 50.0)
+    parameters = harmonic_parameters(1.2, 0.005, 50.0)
     picture = "period"
     told_by = ("stillness",)
     reference = "Fourier series of the arterial pulse, McDonald's Blood Flow in Arteries, 6th ed."

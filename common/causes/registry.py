@@ -51,6 +51,7 @@ OWN: dict[str, type[Effect]] = {
         sensor.SensorSpikes, wall.Stiffening, wall.StiffnessChange, wall.StressRelaxation,
         friction.StribeckFriction, sensor.TimeDelay, unmodelled_resonance.UnmodelledResonance,
         column.WithColumn,
+        wall.YieldingWall, wall.Prolapse,
     )
 }  # fmt: skip
 
