@@ -370,10 +370,13 @@ def _let_go(fitted: Fitted) -> Values:
     }  # fmt: skip
 
 
+def _state(motion: MotionGrid, shape: Shape) -> Array:
+    return motion.through(Relay().step, motion.x, *shape)
+
+
 def _lets_go_again(motion: MotionGrid, shape: Shape) -> bool:
     """True if it lets go twice: once is a stiffness that changes."""
-    let_go = motion.through(Relay().step, motion.x, *shape)
-    return bool(np.count_nonzero(np.diff(let_go) > 0.0) > 1)
+    return bool(np.count_nonzero(np.diff(_state(motion, shape) > 0.5) & (np.diff(motion.x) > 0.0)) > 1)
 
 
 class Prolapse(ForceEffect):
@@ -403,7 +406,7 @@ class Prolapse(ForceEffect):
     candidates = (
         Form(
             values=lambda s: {"stiffness_n_m": 1.0, "limit_n": s[0], "again_n": s[1], "kept": 0.0},
-            beside=lambda motion, _, phi: [-np.asarray(phi[0] != 0.0, dtype=np.float64)], signs=(1, 0),
+            beside=lambda motion, shape, _: [-_state(motion, shape)], signs=(1, 0),
             grid=_let_goes, logarithmic=False, naming=_let_go, sizes=(), least_score=40.0, least_ratio=1.5,
             happens=_lets_go_again,
         ),
