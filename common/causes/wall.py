@@ -322,7 +322,7 @@ class YieldingWall(ForceEffect):
     name = "yielding_wall"
     site = "shaft"
     parameters = (
-        Parameter("yield_n", "N", 0.1, 0.0, 1e4),
+        Parameter("yield_n", "N", 0.1, 1e-6, 1e4),
         Parameter("stiffness_n_m", "N/m", 50.0, 1e-6, 1e12, linear=False),
         Parameter("contact_position_m", "m", 0.0, -1e6, 1e6, linear=False),
     )
@@ -380,7 +380,7 @@ def _lets_go_again(motion: MotionGrid, shape: Shape) -> bool:
 
 
 class Prolapse(ForceEffect):
-    """Of the wall's force k (x - x0) the share `kept` is left from `limit_n` on until it is below `again_n`.
+    """Wall force k (x - x0), of which the share `kept` is left from `limit_n` on until it is below `again_n`.
 
     It adds `f = k (kept - 1) (x - x0)` then. k = stiffness_n_m repeats the wall's, x0 = rest_position_m.
     """

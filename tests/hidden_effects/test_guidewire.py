@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose import diagnose
 from tests.hidden_effects.guidewire import KINDS, draw
 from tests.hidden_effects.guidewire.patient import Rhythm
 from tests.hidden_effects.guidewire.wire import Rub, Run, Wire, along, euler_n, force, swinging
 from tests.hidden_effects.laboratory.motion import Motion, moved
 from tests.hidden_effects.laboratory.score import judge, statements
 from tests.hidden_effects.laboratory.truth import Array
-from tests.hidden_effects.product import diagnosed
 from tests.hidden_effects.test_laboratory import _answer, _truth
 
 _BARE = Wire(mass_kg=0.0, damping_n_s_m=0.0, stiffness_n_m=50.0)
@@ -133,10 +133,10 @@ def test_diagnosis_finds_what_a_wire_remembers(
     depth_m = 0.03 * np.sin(1.3 * _T) ** 2 * (0.7 + 0.3 * np.cos(0.37 * _T + 3.0))
     m = moved(_T, depth_m)
     noise = 4e-3 * np.random.default_rng(1).standard_normal(len(_T))
-    answer = diagnosed(Recording("wire", _T, m.x, force(wire, Run(m, units)) + noise, "wire"))
-    assert answer.names[0] == name
+    found = diagnose(Recording("wire", _T, m.x, force(wire, Run(m, units)) + noise, "wire")).diagnosis
+    assert found.causes[0].name == name
     if value:
-        assert answer.parameters[name][value][0] == pytest.approx(true, rel=0.1)
+        assert found.causes[0].parameters[value].value == pytest.approx(true, rel=0.1)
 
 
 def test_a_mass_that_hangs_on_the_stage_amplifies_at_its_frequency() -> None:
