@@ -91,7 +91,7 @@ class SensorDrift(ForceEffect):
         ),
         ReadingColumns(
             form="wave", coefficients=("rate_n_s",), shapes=("settling_s", "period_s"), signs=(0, 0, 0, 0),
-            over_time=_beside_a_wave, making=_from_start, least_score=40.0, least_ratio=1.3, costly=True,
+            over_time=_beside_a_wave, making=_from_start, least_score=40.0, least_ratio=2.5, costly=True,
             grid=lambda e: [(a * e.duration_s, b * e.duration_s) for a in _SETTLES for b in _PERIODS],
             plainer="creep",
         ),

@@ -339,7 +339,7 @@ class YieldingWall(ForceEffect):
     candidates = (
         Form(
             values=lambda s: {"yield_n": 1.0, "stiffness_n_m": 1.0 / s[1], "contact_position_m": s[0]},
-            grid=_yields, logarithmic=False, sizes=("stiffness_n_m",), least_score=40.0, least_ratio=1.5,
+            grid=_yields, logarithmic=False, sizes=("stiffness_n_m",), least_score=40.0, least_ratio=2.0,
             naming=lambda fit: {
                 "yield_n": fit.coefficients[0], "stiffness_n_m": fit.coefficients[0] / fit.shape[1],
                 "contact_position_m": fit.shape[0],
@@ -363,7 +363,7 @@ def _let_goes(extent: Extent) -> list[Shape]:
 
 def _let_go(fitted: Fitted) -> Values:
     (lost, level_n), (high_m, low_m), k = fitted.coefficients, fitted.shape, float(fitted.base[2])
-    rest_m, share = -level_n / lost if lost else float("inf"), lost / k if k else float("inf")
+    rest_m, share = low_m - level_n / lost if lost else np.inf, lost / k if k else np.inf
     return {
         "stiffness_n_m": k, "limit_n": k * (high_m - rest_m), "again_n": k * (low_m - rest_m),
         "kept": 1.0 - share, "rest_position_m": rest_m,
@@ -375,8 +375,9 @@ def _state(motion: MotionGrid, shape: Shape) -> Array:
 
 
 def _lets_go_again(motion: MotionGrid, shape: Shape) -> bool:
-    """True if it lets go twice: once is a stiffness that changes."""
-    return bool(np.count_nonzero(np.diff(_state(motion, shape) > 0.5) & (np.diff(motion.x) > 0.0)) > 1)
+    """True if it lets go twice, for once is a changed stiffness, and is unloaded by a tenth of the travel."""
+    goes = np.diff(_state(motion, shape) > 0.5) & (np.diff(motion.x) > 0.0)
+    return bool(np.count_nonzero(goes) > 1 and shape[0] - shape[1] > 0.1 * np.ptp(motion.x))
 
 
 class Prolapse(ForceEffect):
@@ -389,8 +390,8 @@ class Prolapse(ForceEffect):
     site = "wall"
     parameters = (
         Parameter("stiffness_n_m", "N/m", 1.0, 1e-9, 1e9),
-        Parameter("limit_n", "N", 1.0, -1e4, 1e4, linear=False),
-        Parameter("again_n", "N", 0.1, -1e4, 1e4, linear=False),
+        Parameter("limit_n", "N", 1.0, 0.0, 1e4, linear=False),
+        Parameter("again_n", "N", 0.1, 0.0, 1e4, linear=False),
         Parameter("kept", "", 0.5, 0.0, 0.9, linear=False),
         Parameter("rest_position_m", "m", 0.0, -1e6, 1e6, linear=False),
     )
@@ -405,9 +406,12 @@ class Prolapse(ForceEffect):
     )
     candidates = (
         Form(
-            values=lambda s: {"stiffness_n_m": 1.0, "limit_n": s[0], "again_n": s[1], "kept": 0.0},
+            values=lambda s: {
+                "stiffness_n_m": 1.0, "limit_n": s[0] - s[1], "again_n": 0.0, "kept": 0.0,
+                "rest_position_m": s[1],
+            },
             beside=lambda motion, shape, _: [-_state(motion, shape)], signs=(1, 0),
-            grid=_let_goes, logarithmic=False, naming=_let_go, sizes=(), least_score=40.0, least_ratio=1.5,
+            grid=_let_goes, logarithmic=False, naming=_let_go, sizes=(), least_score=40.0, least_ratio=2.0,
             happens=_lets_go_again,
         ),
     )  # fmt: skip
