@@ -451,7 +451,8 @@ class Search(Refiner):
             self.refined(trial, only=next(iter(set(trial.model) - set(fit.model))), most=_ROUGH)
             for trial in ranked
         ]
-        refined = [trial for trial in refined if trial.feasible]
+        # one that is better and not worth it does not hide one that is
+        refined = [trial for trial in refined if trial.feasible and self.worth(trial, fit)]
         if not refined:
             return None
         best = self.refined(min(refined, key=lambda trial: trial.score))
