@@ -39,6 +39,8 @@ HIDDEN: dict[str, dict[str, float]] = {
     "stiffening": {"quadratic_n_m2": 0.0, "cubic_n_m3": 9000.0},
     "contact_loss": {"contact_position_m": 0.015},
     "stiffness_change": {"stiffness_n_m": 12.0, "time_s": 10.0, "ratio": 1.8},
+    "yielding_wall": {"yield_n": 0.25, "stiffness_n_m": 15.0, "contact_position_m": 0.01},
+    "prolapse": {"stiffness_n_m": 12.0, "limit_n": 0.25, "again_n": 0.1, "kept": 0.4},
     "stress_relaxation": {"stiffness_n_m": 12.0, "time_constant_s": 0.7},
     "asymmetric_damping": {"forward_n_s_m": 4.0, "backward_n_s_m": 0.5},
     "quadratic_drag": {"drag_n_s2_m2": 120.0},

@@ -164,12 +164,14 @@ class Form(Candidate):
         site: where it acts in this form, if not at its own site.
         mix: row i is what coefficient i adds to the linear parameters, where these are not the coefficients.
         beside: computes further columns, of no parameter, from (motion, shape, regressors).
+        happens: True if what the cause is named after happens along a motion at a shape, or it is not fitted.
         elements: number of effects in parallel, each with an equal part of the shape.
     """
 
     site: Site | None = None
     mix: tuple[tuple[float, ...], ...] = ()
     beside: Callable[[MotionGrid, Shape, Array], list[Array]] | None = None
+    happens: Callable[[MotionGrid, Shape], bool] = lambda motion, shape: True
     elements: int = 1
 
     def of(self, kind: type[Effect]) -> Self:
@@ -242,10 +244,12 @@ class Changing(Candidate):
     """A cause that changes the columns of all others, and has its own column if it has a coefficient.
 
     `mass_site`: where the mass is, by the motion that it makes: the stage's, before all that changes motion
-    or force (sensor), the instrument's with or without contact (shaft), or in contact only (wall).
+    or force (sensor), the instrument's with or without contact (shaft), or in contact only (wall). `drags`:
+    the damper is along the shaft, with or without contact.
     """
 
     mass_site: Site = "wall"
+    drags: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -256,6 +256,41 @@ class Increment(Memory):
         return np.diff(u, prepend=u[:1])
 
 
+class Most(Memory):
+    """`y <- max(y, u)`: as far as something was pushed, at least 0."""
+
+    def step(self, u: float) -> Value:
+        self.value = max(self.value, u)
+        return self.value
+
+    @staticmethod
+    def run(u: Array) -> Array:
+        return np.maximum.accumulate(np.maximum(u, 0.0))
+
+
+class Relay(Memory):
+    """1 from u > high on until u < low, 0 at first (Krasnosel'skii and Pokrovskii, see `Gap`); in the step in
+    which it switches the share of that behind the limit, u straight in between.
+    """
+
+    start = (0.0, 0.0)
+
+    def step(self, u: float, high: float, low: float) -> Value:
+        on, before = self.value
+        now = 1.0 if u > high else 0.0 if u < low else on
+        self.value = now, u
+        limit = high if now else low
+        return now if now == on or u == before else on + (now - on) * min((u - limit) / (u - before), 1.0)
+
+    @staticmethod
+    def run(u: Array, high: Array, low: Array) -> Array:
+        last = np.maximum.accumulate(np.where((u > high) | (u < low), np.arange(len(u)), -1))
+        now = np.where(last >= 0, u > high, False)[np.maximum(last, 0)].astype(np.float64)
+        on, way = np.append(0.0, now[:-1]), np.diff(u, prepend=0.0)
+        behind = np.divide(u - np.where(now > 0.0, high, low), way, out=np.ones_like(u), where=way != 0.0)
+        return np.asarray(on + (now - on) * np.minimum(behind, 1.0))
+
+
 class Bristle(Memory):
     """`du = (1 - u sgn(d)) d`, exact for any d, with decay = exp(-|d|): saturates at +-1 (Dahl, 1968)."""
 

@@ -130,7 +130,7 @@ class Pulsation(PeriodicForce):
 
     name = "pulsation"
     site = "wall"
-    parameters = harmonic_parameters(1.2, 0.05, 50.0)
+    parameters = harmonic_parameters(1.2, 0.005, 50.0)
     picture = "period"
     kin = "rhythm"
     told_by = ("stillness",)

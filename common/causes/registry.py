@@ -52,7 +52,7 @@ OWN: dict[str, type[Effect]] = {
         sensor.SensorDrift, sensor.SensorLag, sensor.SensorQuantisation, sensor.SensorSaturation,
         sensor.SensorSpikes, wall.Stiffening, wall.StiffnessChange, wall.StressRelaxation,
         friction.StribeckFriction, sensor.TimeDelay, unmodelled_resonance.UnmodelledResonance,
-        column.WithColumn, periodic.VaryingPulsation,
+        column.WithColumn, periodic.VaryingPulsation, wall.YieldingWall, wall.Prolapse,
     )
 }  # fmt: skip
 

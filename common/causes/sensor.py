@@ -1,6 +1,6 @@
 """Load cell and its chain: bias, drift, lag, delay, rounding, range, outliers."""
 
-from math import floor
+from math import atan2, floor, hypot, pi
 
 import numpy as np
 
@@ -10,10 +10,13 @@ from forefeel.common.causes.candidate import (
     Entry,
     Fitted,
     ReadingColumns,
+    Shape,
     entry,
     log_grid,
 )
-from forefeel.common.causes.motion import Delay, Kinematics, SettledLag, Value
+from forefeel.common.causes.motion import Delay, Kinematics, Motion, SettledLag, Value
+from forefeel.common.causes.numerics import Array
+from forefeel.common.causes.periodic import Pulsation
 
 
 class Bias(ForceEffect):
@@ -37,39 +40,66 @@ class Bias(ForceEffect):
         return (1.0,)
 
 
+_SETTLES, _PERIODS = (0.05, 0.1, 0.2, 0.4), (0.3, 0.45, 0.7, 1.1)  # of a recording, that are tried
+
+
 def _from_start(fitted: Fitted) -> list[Entry]:
-    """The ramp, and as a bias its value at stamp 0, unless the recording starts there."""
-    rate = fitted.coefficients[0] / (fitted.shape[0] if fitted.shape else 1.0)
-    shift = [entry(Bias, {"force_n": -rate * fitted.start_s})] if fitted.start_s else []
-    return [entry(SensorDrift, {"rate_n_s": rate}), *shift]
+    """The drift since the recording's start, then its wave and the zero beside it, if the form has these."""
+    drift = {"rate_n_s": fitted.coefficients[0], "from_s": fitted.start_s}
+    if not fitted.shape:
+        return [entry(SensorDrift, drift)]
+    entries, (settling_s, *waves) = [], fitted.shape
+    for period_s in waves:
+        _, sine, cosine, zero_n = fitted.coefficients
+        phase = (atan2(cosine, sine) - 2.0 * pi * fitted.start_s / period_s) % (2.0 * pi)
+        wave = {"amplitude_n": hypot(sine, cosine), "frequency_hz": 1.0 / period_s, "phase_rad": phase}
+        entries += [{**entry(Pulsation, wave), "site": "sensor"}, entry(Bias, {"force_n": zero_n})]
+    return [entry(SensorDrift, {**drift, "settling_s": settling_s}), *entries]
+
+
+def _beside_a_wave(t: Array, shape: Shape) -> Array:
+    drift, turn = SensorDrift(settling_s=shape[0]).columns(Motion(t, t, t, t, t)), 2.0 * pi * t / shape[1]
+    return np.column_stack([drift, np.sin(turn), np.cos(turn), np.ones_like(t)])
 
 
 class SensorDrift(ForceEffect):
-    """`f = rate_n_s t`, also at no load; t counts from the caller's own zero."""
+    """`f = rate_n_s tau (1 - exp(-t / tau))`, tau = settling_s, also at no load; with 0 a ramp `rate_n_s t`.
+
+    t counts from `from_s` of the caller's own clock.
+    """
 
     name = "sensor_drift"
     site = "sensor"
-    parameters = (Parameter("rate_n_s", "N/s", 0.0, -1e3, 1e3, explains=100.0),)
+    parameters = (
+        Parameter("rate_n_s", "N/s", 0.0, -1e3, 1e3, explains=100.0),
+        Parameter("settling_s", "s", 0.0, 0.0, 1e6, linear=False),
+        Parameter("from_s", "s", 0.0, -1e12, 1e12, linear=False),
+    )
     told_by = ("no load",)
     sized_anew = True
     clocked = True
-    reference = "linear zero drift of the measurement"
-    fingerprint = "a straight ramp in time that goes on at rest and at no load"
+    reference = "linear zero drift of the measurement; exponential, as a body that warms up: Newton's cooling"
+    fingerprint = "a ramp in time that goes on at rest and at no load, straight or settling"
     words = "a drift of the load cell"
     remedy = "let the load cell warm up, and tare it at no load before each run"
-    equation = ("{rate_n_s} t",)
+    equation = ("{rate_n_s} {settling_s} (1 - exp(-t/{settling_s}))", "{rate_n_s} t")
     candidates = (
         ReadingColumns(coefficients=("rate_n_s",), signs=(0,), making=_from_start),
         ReadingColumns(
-            form="creep", signs=(0,), over_time=lambda t, shape: (1.0 - np.exp(-t / shape[0]))[:, None],
-            grid=lambda extent: log_grid(0.1 * extent.duration_s, 0.7 * extent.duration_s, 5),
-            naming=lambda fit: {"rate_n_s": fit.coefficients[0] / fit.shape[0], "settling_s": fit.shape[0]},
-            sizes=("rate_n_s",), making=_from_start,
+            form="creep", coefficients=("rate_n_s",), shapes=("settling_s",), signs=(0,), making=_from_start,
+            grid=lambda e: log_grid(0.1 * e.duration_s, 0.7 * e.duration_s, 5),
+        ),
+        ReadingColumns(
+            form="wave", coefficients=("rate_n_s",), shapes=("settling_s", "period_s"), signs=(0, 0, 0, 0),
+            over_time=_beside_a_wave, making=_from_start, least_score=40.0, least_ratio=2.5, costly=True,
+            grid=lambda e: [(a * e.duration_s, b * e.duration_s) for a in _SETTLES for b in _PERIODS],
+            plainer="creep",
         ),
     )  # fmt: skip
 
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:
-        return (m.t,)
+        t, tau = m.t - self.values["from_s"], self.values["settling_s"]
+        return (-tau * m.expm1(-m.positive(t) / tau) if tau else t,)
 
 
 class SensorLag(SensorEffect):

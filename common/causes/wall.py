@@ -1,4 +1,4 @@
-"""Wall: mass, damper and spring, stiffening, relaxation, a change of stiffness, loss of contact."""
+"""Wall: mass, damper, spring, stiffening, relaxation, a change, loss of contact, yield, prolapse."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from forefeel.common.causes.candidate import (
     log_grid,
     two,
 )
-from forefeel.common.causes.motion import Kinematics, Lag, MotionGrid, Value
+from forefeel.common.causes.motion import Kinematics, Lag, Most, MotionGrid, Relay, Value
 from forefeel.common.causes.numerics import Array
 
 
@@ -279,6 +279,10 @@ class ContactLoss(ContactEffect):
             mass_site="shaft",
         ),
         Transmission(
+            form="dragging", shapes=("contact_position_m",), logarithmic=False, grid=_places,
+            mass_site="shaft", drags=True,
+        ),
+        Transmission(
             form="pushing", shapes=("contact_position_m", "release_s"), logarithmic=False,
             grid=lambda extent: [(*place, s) for place in _places(extent)[::2] for s in _RELEASES_S],
             mass_site="shaft", costly=True,
@@ -296,3 +300,125 @@ class ContactLoss(ContactEffect):
             return depth, touching
         touching = touching * m.above(depth + self._release_s * m.v)
         return depth * touching, touching
+
+
+def _yields(extent: Extent) -> list[Shape]:
+    """Places where the wall begins, with depths from which it yields."""
+    low, wide, depths = extent.low_m, extent.range_m, np.linspace(0.1, 0.95, 12).tolist()
+    return [(low + p * wide, d * wide) for p in (0.0, 0.2, 0.45) for d in depths if p + d < 0.98]
+
+
+def _moves_on(motion: MotionGrid, shape: Shape) -> bool:
+    """True if a wall of that place and depth moves on by a twentieth of the travel."""
+    return bool(np.max(motion.x) - sum(shape) > 0.05 * np.ptp(motion.x))
+
+
+class YieldingWall(ForceEffect):
+    """`f = k (x - x0 - p)` where positive; p grows so that f is `yield_n` at most.
+
+    k = stiffness_n_m, x0 = contact_position_m. Linear in `yield_n` at the depth `yield_n / k`.
+    """
+
+    name = "yielding_wall"
+    site = "shaft"
+    parameters = (
+        Parameter("yield_n", "N", 0.1, 1e-6, 1e4),
+        Parameter("stiffness_n_m", "N/m", 50.0, 1e-6, 1e12, linear=False),
+        Parameter("contact_position_m", "m", 0.0, -1e6, 1e6, linear=False),
+    )
+    picture = "memory"
+    kin = "contact_loss"
+    told_by = ("repetition",)
+    reference = "spring in series with dry friction, Prandtl, ZAMM 8(2), 1928, yielding to one side"
+    fingerprint = "a plateau in strokes that go deeper than all before; later ones touch the wall deeper"
+    words = "a wall that gives way for good where it is pushed too hard"
+    remedy = "push less: the wall has moved on, and every later stroke meets it there"
+    equation = (
+        "{stiffness_n_m} max(x - {contact_position_m} - p, 0); p grows so that it is {yield_n} at most",
+    )
+    candidates = (
+        Form(
+            values=lambda s: {"yield_n": 1.0, "stiffness_n_m": 1.0 / s[1], "contact_position_m": s[0]},
+            grid=_yields, logarithmic=False, sizes=("stiffness_n_m",), least_score=40.0, least_ratio=2.0,
+            naming=lambda fit: {
+                "yield_n": fit.coefficients[0], "stiffness_n_m": fit.coefficients[0] / fit.shape[1],
+                "contact_position_m": fit.shape[0],
+            },
+            happens=_moves_on,
+        ),
+    )  # fmt: skip
+    most = Most()
+
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        yields_m = self.values["yield_n"] / self.values["stiffness_n_m"]
+        depth = m.x - self.values["contact_position_m"]
+        return (m.positive(depth - m.through(self.most, depth - yields_m)) / yields_m,)
+
+
+def _let_goes(extent: Extent) -> list[Shape]:
+    """Places where a tip lets go, with those where it stands again."""
+    low, wide, places = extent.low_m, extent.range_m, (0.2, 0.35, 0.5, 0.65, 0.8, 0.92)
+    return [(low + p * wide, low + share * p * wide) for p in places for share in (0.1, 0.3, 0.6)]
+
+
+def _let_go(fitted: Fitted) -> Values:
+    (lost, level_n), (high_m, low_m), k = fitted.coefficients, fitted.shape, float(fitted.base[2])
+    rest_m, share = low_m - level_n / lost if lost else np.inf, lost / k if k else np.inf
+    return {
+        "stiffness_n_m": k, "limit_n": k * (high_m - rest_m), "again_n": k * (low_m - rest_m),
+        "kept": 1.0 - share, "rest_position_m": rest_m,
+    }  # fmt: skip
+
+
+def _state(motion: MotionGrid, shape: Shape) -> Array:
+    return motion.through(Relay().step, motion.x, *shape)
+
+
+def _lets_go_again(motion: MotionGrid, shape: Shape) -> bool:
+    """True if it lets go twice, for once is a changed stiffness, and is unloaded by a tenth of the travel."""
+    goes = np.diff(_state(motion, shape) > 0.5) & (np.diff(motion.x) > 0.0)
+    return bool(np.count_nonzero(goes) > 1 and shape[0] - shape[1] > 0.1 * np.ptp(motion.x))
+
+
+class Prolapse(ForceEffect):
+    """Wall force k (x - x0), of which the share `kept` is left from `limit_n` on until it is below `again_n`.
+
+    It adds `f = k (kept - 1) (x - x0)` then. k = stiffness_n_m repeats the wall's, x0 = rest_position_m.
+    """
+
+    name = "prolapse"
+    site = "wall"
+    parameters = (
+        Parameter("stiffness_n_m", "N/m", 1.0, 1e-9, 1e9),
+        Parameter("limit_n", "N", 1.0, 0.0, 1e4, linear=False),
+        Parameter("again_n", "N", 0.1, 0.0, 1e4, linear=False),
+        Parameter("kept", "", 0.5, 0.0, 0.9, linear=False),
+        Parameter("rest_position_m", "m", 0.0, -1e6, 1e6, linear=False),
+    )
+    picture = "memory"
+    told_by = ("repetition",)
+    reference = "relay, Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989"
+    fingerprint = "a fall of the force at a place on the way in, which comes back at another on the way out"
+    words = "a wire that folds over above a force and stands again when it is unloaded"
+    remedy = "stay below that force; draw back until the wire stands before the next push"
+    equation = (
+        "({kept} - 1) {stiffness_n_m} (x - {rest_position_m}) from {limit_n} N on, until {again_n} N",
+    )
+    candidates = (
+        Form(
+            values=lambda s: {
+                "stiffness_n_m": 1.0, "limit_n": s[0] - s[1], "again_n": 0.0, "kept": 0.0,
+                "rest_position_m": s[1],
+            },
+            beside=lambda motion, shape, _: [-_state(motion, shape)], signs=(1, 0),
+            grid=_let_goes, logarithmic=False, naming=_let_go, sizes=(), least_score=40.0, least_ratio=2.0,
+            happens=_lets_go_again,
+        ),
+    )  # fmt: skip
+    relay = Relay()
+
+    def regressors(self, m: Kinematics) -> tuple[Value, ...]:
+        values, k = self.values, self.values["stiffness_n_m"]
+        depth = m.x - values["rest_position_m"]
+        let_go = m.through(self.relay, depth, values["limit_n"] / k, values["again_n"] / k)
+        return ((values["kept"] - 1.0) * depth * let_go,)

@@ -18,7 +18,7 @@ from forefeel.common.error_size import Floats
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis
-from forefeel.diagnosis.regression import ModelFit, forces_along, mass_site, motion_grid
+from forefeel.diagnosis.regression import ModelFit, drags, forces_along, mass_site, motion_grid
 from forefeel.diagnosis.signals import WIDEST, Signals, gapless, speed_band_m_s
 
 FIXTURE = "unmodelled_resonance:fixture"
@@ -81,16 +81,17 @@ def simulated_n(model: ContactModel, recording: Recording) -> Floats:
 
 
 def _base(fit: ModelFit, mass: float, damping: float, stiffness: float) -> list[Entry]:
-    """Entries of mass, damper and spring for a model.yaml; two where a cause puts the mass at a site before
-    the contact. The damping is 0 where a cause of the fit takes its place.
+    """Entries of mass, damper and spring for a model.yaml; two where a cause puts the mass, or both, at a
+    site before the contact. The damping is 0 where a cause of the fit takes its place.
     """
     if any(cause_class(name).instead_of == "damping_n_s_m" for name in fit.model):
         damping = 0.0
     site = mass_site(fit.model)
     if site == "wall":
         return [_mass_damper_spring(mass, damping, stiffness)]
-    mass_there = {**_mass_damper_spring(mass, 0.0, 0.0), "site": site}
-    return [mass_there, _mass_damper_spring(0.0, damping, stiffness)]
+    before, behind = (damping, 0.0) if drags(fit.model) else (0.0, damping)
+    there = {**_mass_damper_spring(mass, before, 0.0), "site": site}
+    return [there, _mass_damper_spring(0.0, behind, stiffness)]
 
 
 def _mass_damper_spring(mass: float, damping: float, stiffness: float) -> Entry:

@@ -392,7 +392,9 @@ class Judge:
         if any(not np.isfinite(interval.high - interval.low) for interval in parameters.values()):
             return True
         sizes = [parameters[size] for size in CANDIDATES[name].needed]
-        return bool(sizes) and all(
+        # a bias that gains may be open because a wall's place stands for it
+        sure = not sizes or (name == "bias" and held_out.gain_low > _CLEAR_GAIN)
+        return not sure and all(
             size.low <= 0.0 <= size.high or size.high - size.low > _WIDEST * abs(size.value) for size in sizes
         )
 

@@ -408,7 +408,8 @@ class RecordingRegression:
             return self.signals.spectrum(candidate.columns(motion.t, shape).T)
         if candidate is None:
             at = {"sensor": self._motion.a, "shaft": motion.a, "wall": motion.a * motion.touching}
-            columns = [at[mass_site(model)], motion.v * motion.touching, motion.x]
+            gripped = 1.0 if drags(model) else motion.touching
+            columns = [at[mass_site(model)], motion.v * gripped, motion.x]
         elif isinstance(candidate, Transmission | Modulation):
             columns = candidate.columns(motion, shape)
         else:
@@ -424,12 +425,16 @@ class RecordingRegression:
 
     def _feasible(self, model: Model, owners: tuple[str, ...], coefficients: Floats) -> bool:
         """True if every mode can show a peak, the causes' coefficients have the signs that their candidates
-        say, every play is used on both sides, and zeros of the tip's force are near the cell's offset.
+        say, every form happens, every play is used on both sides, and zeros of the tip's force are near the
+        cell's offset.
         """
         if self.no_peak(model):
             return False
         signs = [sign for name in model for sign in CANDIDATES[name].signs]
         if any(np.multiply(signs, self.sense * coefficients[len(BASE) :]) < 0.0):
+            return False
+        forms = [(form, shape) for name, shape in model.items() if isinstance(form := CANDIDATES[name], Form)]
+        if not all(form.happens(self.motion(model), shape) for form, shape in forms):
             return False
         return self._plays_on_both_sides(model) and self._zero_is_offset(model, owners, coefficients)
 
@@ -488,6 +493,11 @@ def mass_site(model: Model) -> Site:
     """Site whose motion the mass makes: one before the contact if a cause puts it there, else the wall."""
     sites = {candidate.mass_site for candidate, _ in changing(model, Changing)}
     return next((site for site in _FROM_THE_STAGE if site in sites), "wall")
+
+
+def drags(model: Model) -> bool:
+    """True if a cause puts the damper along the shaft, where it acts without contact, too."""
+    return any(candidate.drags for candidate, _ in changing(model, Changing))
 
 
 def alignment(omega: Floats, model: Model) -> Spectrum | None:

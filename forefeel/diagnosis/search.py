@@ -358,6 +358,7 @@ _CLEARLY = 0.01
 _SUBHARMONIC = 15.0
 """How much better a weaker line or half of a frequency must be: both can hold the strongest as harmonic."""
 _MORE_THAN_NOISE = 1.2  # times the rms of the noise, which is known to about that
+_MUCH = 2.0  # ratio of rms from which a form has to explain much
 _PRACTICAL = 1.1
 """By how much the residual's rms must fall with several causes at once: less is within what is left
 unexplained."""
@@ -512,7 +513,9 @@ class Search(Refiner):
         none is feasible or the best is not worth it. Passes over causes kin to one in the model.
         """
         scanned = [self._scan(fit, name) for name in names if self.open_to(fit, name)]
-        ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)[:4]
+        ranked = sorted(
+            (s for s in scanned if s is not None and not self._hides(s, fit)), key=lambda s: s.score
+        )[:4]
         refined = [
             self.refined(trial, only=next(iter(set(trial.model) - set(fit.model))), most=_ROUGH)
             for trial in ranked
@@ -549,6 +552,11 @@ class Search(Refiner):
             return False
         ratio = _PRACTICAL if new is None else new.least_ratio
         return less.rss > more.rss * ratio**2 or self.plain_rms(less) > self.plain_rms(more) * ratio
+
+    def _hides(self, more: ModelFit, less: ModelFit) -> bool:
+        """True if the one cause more has to explain much and does not: it would hide one that is worth it."""
+        (name,) = set(more.model) - set(less.model)
+        return CANDIDATES[name].least_ratio >= _MUCH and not self.worth(more, less)
 
     def plain_rms(self, fit: ModelFit) -> float:
         """rms of the residual in N, not whitened."""
@@ -591,6 +599,7 @@ class Search(Refiner):
                 # what a rhythm leaves is learned as noise, beside which its harmonic may look the better one
                 if isinstance(CANDIDATES[new], Rhythm) and self.plain_rms(better) > self.plain_rms(fit):
                     continue
-                if better.feasible and better.score < (best or fit).score - least:
+                sound = better.feasible and not self._hides(better, rest)
+                if sound and better.score < (best or fit).score - least:
                     best = better
         return best

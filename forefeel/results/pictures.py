@@ -190,6 +190,8 @@ _PICTURES: Mapping[str, tuple[Callable[[Component], Specs], str, str]] = {
               "Points: what is left without it. A slope that is steeper where it is deep."),
     "direction": (_along, "Over the position, by direction",
                   "Points: what is left without it. A jump that grows with the depth."),
+    "memory": (_along, "Over the position, by direction",
+               "Points: what is left without it. The way out has less force than the way in, or none."),
     "period": (_folded, "Folded on its period", "All periods laid on each other."),
     "phase": (_phase, "Phase and size over the frequency",
               "A delay turns the phase evenly with the frequency, a lag by 90 degrees at most."),

@@ -6,6 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose import diagnose
 from tests.hidden_effects.guidewire import KINDS, draw
 from tests.hidden_effects.guidewire.patient import Rhythm
 from tests.hidden_effects.guidewire.wire import Rub, Run, Wire, along, euler_n, force, swinging
@@ -25,6 +27,8 @@ class Seen(NamedTuple):
 
 
 _BARE = Wire(mass_kg=0.0, damping_n_s_m=0.0, stiffness_n_m=50.0)
+_DRAGS = replace(_BARE, mass_kg=0.05, damping_n_s_m=2.0)
+_T = np.arange(0.0, 20.0, 1e-2)
 
 
 def _stroke(depth_m: float = 0.04, lasts_s: float = 4.0) -> Motion:
@@ -118,6 +122,31 @@ def test_a_wall_yields_and_a_tip_lets_go() -> None:
     loaded = out & (50.0 * m.x > 0.26)
     assert np.allclose(folded[loaded], 10.0 * m.x[loaded], atol=0.01)
     assert np.allclose(folded[out & (m.x < 2e-3)], 50.0 * m.x[out & (m.x < 2e-3)], atol=0.01)
+
+
+_SETTLES = {"settling": 0.4 * np.exp(-_T / 2.0) + 0.05 * np.sin(0.7 * _T)}
+
+
+@pytest.mark.parametrize(
+    ("wire", "units", "name", "value", "true"),
+    [
+        (replace(_DRAGS, one_sided=True, yield_n=1.0), {}, "yielding_wall", "yield_n", 1.0),
+        (replace(_DRAGS, one_sided=True, rest_m=0.01, toe_m=1e-3), {}, "contact_loss", "", 0.0),
+        (replace(_DRAGS, prolapse_n=1.2, kept=0.3), {}, "prolapse", "limit_n", 1.2),
+        (replace(_DRAGS, beside={"settling": 1.0}), _SETTLES, "sensor_drift", "settling_s", 2.0),
+    ],
+)
+def test_diagnosis_finds_what_a_wire_remembers(
+    wire: Wire, units: dict[str, Array], name: str, value: str, true: float
+) -> None:
+    """Strokes of several depths by the integrator, with 4 mN of noise; a wall that only begins is none."""
+    depth_m = 0.03 * np.sin(1.3 * _T) ** 2 * (0.7 + 0.3 * np.cos(0.37 * _T + 3.0))
+    m = moved(_T, depth_m)
+    noise = 4e-3 * np.random.default_rng(1).standard_normal(len(_T))
+    found = diagnose(Recording("wire", _T, m.x, force(wire, Run(m, units)) + noise, "wire")).diagnosis
+    assert found.causes[0].name == name
+    if value:
+        assert found.causes[0].parameters[value].value == pytest.approx(true, rel=0.1)
 
 
 def test_a_mass_that_hangs_on_the_stage_amplifies_at_its_frequency() -> None:

@@ -66,6 +66,33 @@ def test_play_is_named_by_the_side_of_the_mass() -> None:
         assert np.std((said - recording.force_n)[200:-200]) < 4e-3
 
 
+_SLIDES = body(0.05, 0.9, 0.0, "shaft")
+_ROOM = {**effect("pulsation", amplitude_n=0.03, frequency_hz=0.1), "site": "sensor"}
+
+
+@pytest.mark.parametrize(
+    ("name", "effects", "parameters"),
+    [
+        ("yielding_wall", (_SLIDES,), {"yield_n": 0.5, "stiffness_n_m": 40.0, "contact_position_m": 0.004}),
+        ("contact_loss", (_SLIDES, body(0.0, 0.0, 40.0)), {"contact_position_m": 0.01}),
+        ("prolapse", (body(0.05),), {"stiffness_n_m": 25.0, "limit_n": 0.5, "again_n": 0.2, "kept": 0.3}),
+        ("sensor_drift", (body(), _ROOM), {"rate_n_s": 0.2, "settling_s": 1.5}),
+    ],
+)
+def test_what_remembers_is_named_with_its_numbers_and_again_by_its_model(
+    name: str, effects: tuple[dict[str, object], ...], parameters: dict[str, float]
+) -> None:
+    recording = recorded(*effects, effect(name, **parameters))
+    found = diagnose(recording)
+    (cause,) = (each for each in found.diagnosis.causes if each.name != "bias")
+    assert cause.name == name
+    fitted = {key: cause.parameters[key].value for key in parameters}
+    assert fitted == pytest.approx(parameters, rel=0.03, abs=6e-4)
+    made = extended_model(found.analysis, "made").runtime().forces_n(Motion.of(*motion()))
+    assert recording.force_n is not None
+    assert np.sqrt(np.mean((made - recording.force_n)[200:-200] ** 2)) < 6e-3
+
+
 def test_an_instrument_that_is_loose_in_its_play_lies_where_the_tissue_presses_it() -> None:
     loose = effect("play", width_m=8e-4, rest_position_m=0.015, settling_s=0.04)
     (cause,) = diagnose(recorded(body(0.3, 0.0, 0.0, "sensor"), body(0.0), loose)).diagnosis.causes

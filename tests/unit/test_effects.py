@@ -35,8 +35,10 @@ from forefeel.common.causes.wall import (
     ContactLoss,
     ExponentialWall,
     MassDamperSpring,
+    Prolapse,
     Stiffening,
     StressRelaxation,
+    YieldingWall,
 )
 from forefeel.report.wording import plain_value
 
@@ -87,6 +89,7 @@ STRIBECK = StribeckFriction(coulomb_n=0.1, static_n=0.3, stribeck_velocity_m_s=0
         (GravityLoad(sine_n=0.5, cosine_n=-2.0), (1.2, 0.0, 0.0), 0.5 * sin(1.2) - 2.0 * cos(1.2)),
         (Bias(force_n=-0.04), (0.0, 0.0, 0.0), -0.04),
         (SensorDrift(rate_n_s=1e-3), (0.0, 0.0, 0.0), 9e-3),
+        (SensorDrift(rate_n_s=1e-3, settling_s=2.0, from_s=5.0), (0.0, 0.0, 0.0), 2e-3 * (1.0 - exp(-2.0))),
     ],
     ids=lambda value: value.name if isinstance(value, ForceEffect) else "",
 )
@@ -182,6 +185,20 @@ def test_a_damped_wall_pushes_and_does_not_pull() -> None:
     assert effect.contact(MotionSample(0.0, 0.013, -0.029, 0.0, DT)) == (pytest.approx(0.003), 1.0)
     assert effect.contact(MotionSample(0.0, 0.013, -0.031, 0.0, DT))[1] == 0.0, "spring and damper would pull"
     assert effect.contact(MotionSample(0.0, 0.009, 1.0, 0.0, DT))[1] == 0.0
+
+
+def test_a_wall_moves_on_where_it_is_pushed_above_its_limit() -> None:
+    effect = YieldingWall(yield_n=0.2, stiffness_n_m=50.0, contact_position_m=0.01)
+    places, forces_n = (0.009, 0.013, 0.016, 0.014, 0.011, 0.017, 0.015), (0.0, 0.15, 0.2, 0.1, 0.0, 0.2, 0.1)
+    assert [stepped(effect, x=x) for x in places] == pytest.approx(forces_n)
+
+
+def test_a_tip_lets_go_above_a_force_and_holds_again_below_another() -> None:
+    effect = Prolapse(stiffness_n_m=50.0, limit_n=0.5, again_n=0.1, kept=0.2, rest_position_m=0.002)
+    course = [(0.011, 1.0), (0.013, 0.2), (0.005, 0.2), (0.0039, 1.0), (0.011, 1.0), (0.0121, 0.2)]
+    for x, share in course:
+        stepped(effect, x=x)  # in the step in which it switches it has both forces in turn
+        assert 50.0 * (x - 0.002) + stepped(effect, x=x) == pytest.approx(share * 50.0 * (x - 0.002))
 
 
 @pytest.mark.parametrize(
