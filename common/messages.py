@@ -219,8 +219,10 @@ class SlaveState(Message):
 
     `latch_persisted`: whether what is latched is on the slave's disk, so that a new start finds it. A stop is
     acknowledged by ESTOPPED together with it. `caveats`: what of the axis is simulated, uncalibrated or
-    relaxed. `over_limit`: the force is above its limit. `reaction_s`: how late it answers a setpoint, by the
-    parts of a `forefeel.common.limiter.Reaction`; empty where a slave does not say it.
+    relaxed. `over_limit`: the force is above its limit. `slipped_m`: about what way the instrument has slipped
+    through the jaws since `slipped_since_ns`. `near_load`: rule of the load that the force is near to.
+    `reaction_s`: how late it answers a setpoint, by the parts of a `forefeel.common.limiter.Reaction`; empty
+    where a slave does not say it.
     """
 
     most_bytes: ClassVar[int] = 24 * 1024
@@ -236,6 +238,9 @@ class SlaveState(Message):
     clock_offset_ns: Stamp | None
     clock_bound_ns: NonNegativeInt | None
     over_limit: bool = False
+    slipped_m: Span = 0.0
+    slipped_since_ns: Stamp | None = None
+    near_load: Name | None = None
     reaction_s: tuple[Span, ...] = ()
     counters: dict[Name, NonNegativeInt]
     caveats: tuple[ShortText, ...] = ()

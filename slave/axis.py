@@ -27,6 +27,7 @@ from forefeel.slave.devices import DeviceReports, Devices, DeviceWatch
 from forefeel.slave.events import SlaveEvents
 from forefeel.slave.following import following_watch
 from forefeel.slave.forces import ForcePublisher, Instant, PolarityWatch, PushWatch
+from forefeel.slave.instrument import InstrumentWatch
 from forefeel.slave.session import SlaveSession
 from forefeel.slave.settings import SlaveAxisSettings
 
@@ -59,6 +60,7 @@ class SlaveAxis:
         self._pushes = PushWatch(settings.limits.max_force_n if settings.pushes_only else inf)
         recorded = settings.gate.force_timeout_s is None  # in which sense, nobody knows
         self._polarity = PolarityWatch(inf if recorded else settings.limits.max_force_n)
+        self._instrument = InstrumentWatch(settings.instrument)
         self._device_reports = DeviceReports(devices.stage, devices.load_cell, bus)
         self._session = SlaveSession(cell, settings, devices, bus, instance_id, self.events)
         self._receiver = CommandReceiver(settings, self._session, self.events)
@@ -202,7 +204,9 @@ class SlaveAxis:
         self._apply(outputs, now_ns)
         self.events.cycle(now_ns, outputs, self._watch, self._grip, self._control.machine.state, holder)
         self._report_transitions(now_ns, outputs.transitions)
-        for hit in outputs.limits:
+        held = self._grip is Grip.CLOSED and follows
+        warned = self._instrument.take(now_ns, stage, force_n, self._watch.force.valid, held)
+        for hit in (*outputs.limits, *warned):
             self.events.limit(hit)
         self._bus.end_batches(now_ns)
 
@@ -317,6 +321,9 @@ class SlaveAxis:
                 clock_offset_ns=best.offset_ns if best else None,
                 clock_bound_ns=best.bound_ns if best else None,
                 over_limit=self._control.over_limit,
+                slipped_m=self._instrument.slipped_m,
+                slipped_since_ns=self._instrument.since_ns,
+                near_load=self._instrument.near_load,
                 reaction_s=self._control.limiter.reaction,
                 counters=self._count(),
                 caveats=self.settings.caveats,

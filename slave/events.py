@@ -6,7 +6,7 @@ from forefeel.common import topics
 from forefeel.common.bus import Bus
 from forefeel.common.events.axis import AxisEvents, EventCoalescer, RepeatedEvents, Transition
 from forefeel.common.events.sink import REFUSALS, SAFETY, EventSink
-from forefeel.common.events.text import OVER_LIMIT, above_limit, event_text, not_armed
+from forefeel.common.events.text import OVER_LIMIT, event_text, notable
 from forefeel.common.flight import CycleRow
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import Grip, SafetyEvent, SafetyState
@@ -89,8 +89,7 @@ class SlaveEvents(AxisEvents):
             self._repeat("refused", hit.rule, count, requested=asked, limit=limit)
         if hit.rule == OVER_LIMIT:
             self._repeat(OVER_LIMIT, "any", count, force_n=hit.requested, limit_n=hit.applied)
-        text = not_armed(hit.rule, hit.requested, hit.applied)
-        if text := text or (above_limit(hit.requested, hit.applied) if hit.rule == OVER_LIMIT else ""):
+        if text := notable(hit.rule, hit.requested, hit.applied):
             self.notices.repeat(text, now_ns)
 
     def write(self, malformed: Mapping[str, int], now_ns: int, last: bool = False) -> None:

@@ -37,6 +37,24 @@ class GateSettings(Settings):
     force_timeout_s: Annotated[float, Field(gt=0, le=5)] | None = 0.2
 
 
+class InstrumentSettings(Settings):
+    """Loads at which the instrument gives way; null: not known. They warn, and stop nothing.
+
+    `holding_n`: at which it slips through the jaws. `euler_n_m2`: pi^2 EI / K^2 of the wire, with
+    `free_length_m` between gripper and sheath at position 0: at which it bows out.
+    """
+
+    holding_n: Annotated[float, Field(gt=0, le=1e4)] | None = None
+    euler_n_m2: Annotated[float, Field(gt=0, le=1e3)] | None = None
+    free_length_m: Annotated[float, Field(gt=0, le=10)] | None = None
+
+    @model_validator(mode="after")
+    def _both_or_none(self) -> Self:
+        if (self.euler_n_m2 is None) != (self.free_length_m is None):
+            raise ValueError("euler_n_m2 and free_length_m belong together: expected both, or none")
+        return self
+
+
 StageSection = Annotated[SerializeAsAny[StageDriverSettings], driver_settings("stage")]
 GripperSection = Annotated[SerializeAsAny[GripperDriverSettings], driver_settings("gripper")]
 LoadCellSection = Annotated[SerializeAsAny[LoadCellDriverSettings], driver_settings("load_cell")]
@@ -63,6 +81,7 @@ class SlaveAxisSettings(AxisSettings):
     stage: StageSection = _SIMULATED
     gripper: GripperSection = _SIMULATED
     load_cell: LoadCellSection = _SIMULATED
+    instrument: InstrumentSettings = InstrumentSettings()
     simulation: WorldSettings = world_settings({"preset": "catheter"})
     seed: int = 0
 

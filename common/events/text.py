@@ -24,6 +24,9 @@ ROUND_TRIP, SLOW_LIMIT, ZERO = "round_trip", "slow_limit", "zero"
 """Rules by which an axis does not arm: the link is too slow, the force limit leaves no speed, the load cell
 reads a force though nothing is touched."""
 OVER_LIMIT = "over_limit"
+SLIPS, BUCKLES, LOOSENS = "gripper_slip", "buckling", "gripper_load"
+"""Warnings on the instrument: it slips through the jaws, is near the load at which it bows out, at which it
+slips."""
 DECLARES = "the first arming declares that the instrument is out of contact"
 _ROUND_TRIP = "round trip "
 DISTRUSTED = "rendered_late"
@@ -43,6 +46,12 @@ _LIMITED = {
 }
 """Effect of a rule on a motion or a force; others are said to be limited."""
 
+WARNINGS = {
+    SLIPS: "the wire slips through the gripper",
+    BUCKLES: "the wire is about to bow out",
+    LOOSENS: "the wire is about to slip through the gripper",
+}
+
 _UNITS = ContextVar("units", default=("m", "N"))
 PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: ""}
 
@@ -52,10 +61,8 @@ def event_text(message: Message) -> str:
     match message:
         case SafetyEvent() | MasterEvent():
             return f"{message.before} -> {message.after}, {message.event}: {message.reason}"
-        case LimitEvent(rule=rule) if rule == OVER_LIMIT:
-            return above_limit(message.requested, message.applied)
         case LimitEvent():
-            return not_armed(message.rule, message.requested, message.applied) or _limit(message)
+            return notable(message.rule, message.requested, message.applied) or _limit(message)
         case EmergencyStop():
             return emergency_stop(message.source, message.reason)
         case Handshake(role="slave"):
@@ -76,6 +83,19 @@ def not_armed(rule: str, value: float, limit: float) -> str:
 
 def above_limit(force_n: float, limit_n: float) -> str:
     return f"force above limit: {quantity(force_n, 'N')}, limit {quantity(limit_n, 'N')}"
+
+
+def notable(rule: str, value: float, limit: float) -> str:
+    """Line on a force above its limit (N), an instrument that gives way (slipped m; force and load in N), or
+    an axis that does not arm; empty for other rules.
+    """
+    if rule == OVER_LIMIT:
+        return above_limit(value, limit)
+    if rule == SLIPS:
+        return f"{WARNINGS[rule]}: {quantity(value, 'm')} so far" if value else WARNINGS[rule]
+    if rule in WARNINGS:
+        return f"{WARNINGS[rule]}: {quantity(value, 'N')} of {quantity(limit, 'N')}"
+    return not_armed(rule, value, limit)
 
 
 def obstacle(rule: str, value: float, limit: float) -> str:

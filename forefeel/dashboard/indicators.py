@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 from forefeel.common.events.console import printable
-from forefeel.common.events.text import is_long_round_trip, span
+from forefeel.common.events.text import WARNINGS, is_long_round_trip, quantity, span
 from forefeel.common.messages import SafetyState, SlaveState
 from forefeel.common.topics import MASTER_STATE, SLAVE_STATE, Topic
 from forefeel.dashboard.axis_view import AxisView
@@ -35,7 +35,7 @@ class Light(NamedTuple):
 
 def lights(view: AxisView, now_ns: int) -> list[Light]:
     every = [_link(view, now_ns), _lease(view, now_ns), _safety(view, now_ns), _deadman(view, now_ns)]
-    return [*every, _force(view, now_ns)]
+    return [*every, _force(view, now_ns), _instrument(view, now_ns)]
 
 
 def silent_s(heard_ns: int | None, now_ns: int, since_ns: int) -> float | None:
@@ -122,3 +122,17 @@ def _force(view: AxisView, now_ns: int) -> Light:
         return Light("force", "off", "unknown", "no slave")
     how: tuple[Level, str] = ("bad", "above limit") if slave.over_limit else ("good", "within limit")
     return Light("force", *how)
+
+
+def _instrument(view: AxisView, now_ns: int) -> Light:
+    """Light of the wire at the gripper: `warn` once it has slipped, or while it is about to give way."""
+    slave = view.newest.slave
+    if slave is None or _quiet(view, SLAVE_STATE, now_ns):
+        return Light("instrument", "off", "unknown", "no slave")
+    if slave.near_load:
+        return Light("instrument", "warn", "near its load", WARNINGS.get(slave.near_load, ""))
+    if slave.slipped_since_ns is not None:
+        lost = f"about {quantity(slave.slipped_m, 'm')} lost, " if slave.slipped_m else ""
+        since_s = max(0, slave.stamp_ns - slave.slipped_since_ns) * 1e-9
+        return Light("instrument", "warn", "slipped", f"{lost}first {span(since_s)} ago")
+    return Light("instrument", "good", "held", "no sign that it slips")

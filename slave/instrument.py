@@ -1,0 +1,124 @@
+"""Watch over the wire between gripper and sheath: it slips through the jaws, or is about to bow out. It warns
+and stops nothing. Pure.
+
+Slip: the force gives way within some ms though the stage does not go back. How much of that is usual, noise,
+a pulse or what a brake does, is learned on the way, in the same kind of motion.
+
+    d = mean f(t - 12 .. t - 7 ms) - mean f(t - 2 .. t),   slip where d > 10 rms of d so far
+
+The way that is lost is the way in which the stage has to go further for the same force again.
+
+Bowing out: Euler's load pi^2 EI / (K L)^2 of what is free, L = free length - position, where it is given.
+"""
+
+from collections import deque
+from itertools import pairwise
+from math import inf, sqrt
+
+from forefeel.common.events.text import BUCKLES, LOOSENS, SLIPS
+from forefeel.common.limiter import LimitHit
+from forefeel.slave.settings import InstrumentSettings
+from forefeel.slave.stage import StageReading
+
+_BEFORE, _GAP, _NOW = 5, 5, 2  # ticks of the two means, and between them
+_WAY = 30  # ticks of each of two ways by which the motion is judged
+_MEANT, _STRIDE, _INWARD_M = 20, 4, 4e-6
+"""Ticks in which the stage goes in all the time: so many m in each so many of them, 1 mm/s."""
+_STEADY_M_S, _STEADY = 2e-3, 0.2  # change of the speed between these ways: at most this, or this share
+_EVEN = 0.6  # of the longest of these steps is the shortest: where the stage slows down friction goes
+_TIMES = 10.0  # the usual rms: the peaks of a pulse and of brakes are some 3 to 4 of it
+_USUAL, _LEARNED = 10_000, 500  # ticks of steady motion that are usual, and before anything is told
+_AGAIN_NS = 100_000_000  # between two slips that are told
+_NEAR, _FAR = 0.8, 0.7  # of a load from which on it is told, and from which on it may be again
+_STRAIGHT_M = 1e-3  # that is free at least
+
+
+class InstrumentWatch:
+    """Attributes: `slipped_m`: way that was lost so far, about; `since_ns`: when it slipped first; `bows_out`
+    and `loosens`: the force is near the load at which it does.
+    """
+
+    def __init__(self, loads: InstrumentSettings) -> None:
+        self.slipped_m = 0.0
+        self.since_ns: int | None = None
+        self.bows_out = self.loosens = False
+        self._loads = loads
+        self._forces: deque[float] = deque(maxlen=_BEFORE + _GAP + _NOW)
+        self._ways: deque[float] = deque(maxlen=2 * _WAY + 1)
+        self._usual_n2, self._learned, self._told_ns = 0.0, 0, -_AGAIN_NS
+        self._slipped_at: tuple[float, float] | None = None
+
+    def take(
+        self, now_ns: int, stage: StageReading, force_n: float, valid: bool, held: bool
+    ) -> list[LimitHit]:
+        """Events of one tick; `held`: the jaws are closed and the stage follows; else it begins anew, as without
+        a valid force.
+        """
+        if not (valid and held):
+            self._forces.clear()
+            self._ways.clear()
+            self._slipped_at, self.bows_out, self.loosens = None, False, False
+            return []
+        self._forces.append(force_n)
+        self._ways.append(stage.position_m)
+        hits: list[LimitHit] = []
+        for rule, size_n, load_n, was in (
+            (BUCKLES, force_n, self._buckling_n(stage.position_m), self.bows_out),
+            (LOOSENS, abs(force_n), self._loads.holding_n or inf, self.loosens),
+        ):
+            near = size_n > (_FAR if was else _NEAR) * load_n
+            if rule == BUCKLES:
+                self.bows_out = near
+            else:
+                self.loosens = near
+            hits += [LimitHit(rule, size_n, load_n, "N")] if near and not was else []
+        if len(self._ways) == self._ways.maxlen and self._slips(now_ns, stage.position_m, force_n):
+            hits.append(LimitHit(SLIPS, self.slipped_m, 0.0, "m"))
+        return hits
+
+    @property
+    def near_load(self) -> str | None:
+        """Rule of the load that the force is near to."""
+        return BUCKLES if self.bows_out else LOOSENS if self.loosens else None
+
+    def _slips(self, now_ns: int, x_m: float, force_n: float) -> bool:
+        """True where a slip begins, or its way is known."""
+        forces = list(self._forces)
+        before_n, now_n = sum(forces[:_BEFORE]) / _BEFORE, sum(forces[-_NOW:]) / _NOW
+        if not self._steady():
+            return self._found_again(x_m, force_n)
+        drop_n, self._learned = before_n - now_n, self._learned + 1
+        if now_ns - self._told_ns < _AGAIN_NS:
+            return False
+        if self._learned < _LEARNED or drop_n < _TIMES * sqrt(self._usual_n2):
+            self._usual_n2 += (drop_n * drop_n - self._usual_n2) / min(self._learned, _USUAL)
+            return self._found_again(x_m, force_n)
+        self._told_ns, self.since_ns = now_ns, now_ns if self.since_ns is None else self.since_ns
+        if self._slipped_at is not None:  # that of before ends here, whatever force it has come to
+            self.slipped_m += max(x_m - self._slipped_at[0], 0.0)
+        self._slipped_at = x_m, before_n
+        return True
+
+    def _found_again(self, x_m: float, force_n: float) -> bool:
+        """True once the force is what it was at the last slip: the stage is further in by the way lost."""
+        if self._slipped_at is None or force_n < self._slipped_at[1]:
+            return False
+        self.slipped_m += max(x_m - self._slipped_at[0], 0.0)
+        self._slipped_at = None
+        return True
+
+    def _steady(self) -> bool:
+        """True if the stage does not go back, and hardly changes its speed."""
+        old_m, middle_m, new_m = self._ways[0], self._ways[_WAY], self._ways[-1]
+        first_m, second_m = middle_m - old_m, new_m - middle_m
+        recent = list(self._ways)[-1 : -_MEANT - 1 : -_STRIDE]
+        steps = [after - before for after, before in pairwise(recent)]
+        if first_m < 0.0 or min(steps) < max(_INWARD_M, _EVEN * max(steps)):
+            return False
+        return abs(second_m - first_m) < max(_STEADY_M_S * _WAY * 1e-3, _STEADY * first_m)
+
+    def _buckling_n(self, position_m: float) -> float:
+        euler_n_m2, length_m = self._loads.euler_n_m2, self._loads.free_length_m
+        if euler_n_m2 is None or length_m is None:
+            return inf
+        return euler_n_m2 / max(length_m - position_m, _STRAIGHT_M) ** 2
