@@ -219,7 +219,7 @@ class SlaveState(Message):
 
     `latch_persisted`: whether what is latched is on the slave's disk, so that a new start finds it. A stop is
     acknowledged by ESTOPPED together with it. `caveats`: what of the axis is simulated, uncalibrated or
-    relaxed. `over_limit`: the force is above its limit. `slipped_m`: about what way the instrument has slipped
+    relaxed. `over_limit`: the force is above its limit. `slipped_m`: about how far the instrument slipped
     through the jaws since `slipped_since_ns`. `near_load`: rule of the load that the force is near to.
     `reaction_s`: how late it answers a setpoint, by the parts of a `forefeel.common.limiter.Reaction`; empty
     where a slave does not say it.

@@ -80,9 +80,8 @@ class SlaveEvents(AxisEvents):
         super().publish(session_id, now_ns, last)
 
     def _limited(self, hit: LimitHit, count: int, now_ns: int) -> None:
-        """Logs a refused command and a force above its limit; adds a notice for the latter, and for what
-        keeps the axis from arming. Does nothing for other rules. `count`: occurrences since the last call for
-        this rule.
+        """Logs a refused command and a force above its limit; adds a notice for what is `notable`. `count`:
+        occurrences since the last call for this rule.
         """
         if hit.rule in REFUSALS:
             asked, limit = (f"{value:g} {hit.unit}".strip() for value in (hit.requested, hit.applied))

@@ -51,8 +51,8 @@ class InstrumentWatch:
     def take(
         self, now_ns: int, stage: StageReading, force_n: float, valid: bool, held: bool
     ) -> list[LimitHit]:
-        """Events of one tick; `held`: the jaws are closed and the stage follows; else it begins anew, as without
-        a valid force.
+        """Events of one tick. `held`: the jaws are closed and the stage follows; else it begins anew, as
+        without a valid force.
         """
         if not (valid and held):
             self._forces.clear()

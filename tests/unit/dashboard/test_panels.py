@@ -31,8 +31,28 @@ def test_all_is_well() -> None:
     found = told({}, {})
     assert [each[:2] for each in found.values()] == [
         ("good", "linked"), ("good", "held"), ("good", "armed"), ("good", "pressed"),
-        ("good", "within limit"),
+        ("good", "within limit"), ("good", "held"),
     ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("state", "word", "more"),
+    [
+        ({"near_load": "buckling"}, "near its load", "the wire is about to bow out"),
+        (
+            {"slipped_m": 2.1e-3, "slipped_since_ns": 0, "stamp_ns": 14 * S},
+            "slipped",
+            "about 2.1 mm lost, first 14 s",
+        ),
+        ({"slipped_since_ns": 0, "stamp_ns": S}, "slipped", "first 1 s ago"),
+    ],
+)
+def test_a_wire_that_gives_way_at_the_gripper_is_a_warning(
+    state: dict[str, object], word: str, more: str
+) -> None:
+    level, *texts = told(state, {})["instrument"]
+    assert (level, texts[0]) == ("warn", word)
+    assert texts[1].startswith(more)
 
 
 def test_silence_is_no_state() -> None:
