@@ -244,8 +244,8 @@ class Judge:
 
     @cached_property
     def _rounding_n(self) -> float:
-        """rms in N of what the steps of the encoder make."""
-        return self.regression.rounding_n(self.fit)
+        """rms in N of what the steps of the encoder make of the simulation."""
+        return self.regression.rounding_n(self.base)
 
     @property
     def _noise_is_known(self) -> bool:
@@ -373,9 +373,10 @@ class Judge:
     def _is_weak(self, name: str) -> bool:
         """True if the cause gains 3 % or less on held-out blocks (lower end), as a second friction, which
         takes what the first one's course leaves, 10 %; no more than the encoder's steps make; or its
-        intervals tell nothing: all sizes may be 0 or are wider than 20 times the value, a ratio may be 1, a frequency may be 0, a mode may have no damping
-        or no peak, or an end is infinite. Also for a change of stiffness at rest with few reversals beside it
-        that gains below 90 %, and for a rhythm that gains less than 20 % beside a function of the motion.
+        intervals tell nothing: all sizes may be 0 or are wider than 20 times the value, a ratio may be 1, a
+        frequency may be 0, a mode may have no damping or no peak, or an end is infinite. Also for a change of
+        stiffness at rest with few reversals beside it that gains below 90 %, and for a rhythm that gains less
+        than 20 % beside a function of the motion.
         """
         _, held_out = self.without[name]
         rubs = [other for other in self.fit.model if cause_class(other).rubs]
