@@ -71,7 +71,8 @@ def following_motion(follows: Sequence[Follows]) -> NextMotion:
     if not follows:
         return GENERAL_MOTION
     first = follows[0]
-    motion = next(motion for name, motion in _FOLLOWED.items() if first.variable.startswith(name))
+    motions = (motion for name, motion in _FOLLOWED.items() if first.variable.startswith(name))
+    motion = next(motions, GENERAL_MOTION)  # of another column
     return replace(motion, low_m=first.low_m, high_m=first.high_m)
 
 

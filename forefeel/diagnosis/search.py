@@ -315,7 +315,8 @@ class Refiner:
         """
         if isinstance(candidate, Periodic | Rhythm):
             reach = (0.6 if wide else 0.1) / self.regression.extent.duration_s
-            return max(value - min(reach, 0.3 * value), self.periods.lowest_hz), value + reach, False
+            low_hz = max(value - min(reach, 0.3 * value), self.periods.lowest_hz)
+            return min(low_hz, value), value + reach, False
         if isinstance(candidate, PositionWave):
             reach = (0.5 if wide else 0.1) / self.regression.extent.range_m
             longest_m = self.regression.extent.range_m / LEAST_WAVES
