@@ -44,7 +44,7 @@ def test_all_is_well() -> None:
             "slipped",
             "about 2.1 mm lost, first 14 s",
         ),
-        ({"slipped_since_ns": 0, "stamp_ns": S}, "slipped", "first 1 s ago"),
+        ({"slipped_since_ns": 0, "stamp_ns": S}, "slipped", "first 1.0 s ago"),
     ],
 )
 def test_a_wire_that_gives_way_at_the_gripper_is_a_warning(
