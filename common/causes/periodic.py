@@ -228,7 +228,7 @@ class Rhythm(Form):
 def _rhythm(form: str, size: str, *factors: Callable[[MotionGrid], Array]) -> Rhythm:
     return Rhythm(
         form=form, factors=lambda m: [factor(m) for factor in factors], living=not form, sizes=(size,),
-        signs=(0,) * 6 * len(factors), logarithmic=False, grid=lambda _: [(1.2,)],
+        signs=(0,) * 6 * len(factors), logarithmic=False, grid=lambda _: [(1.2,)], costly=bool(form),
         least_score=30.0, least_ratio=1.15, price=0.1,  # a steady pulsation that leaves 5 % more does as well
     )  # fmt: skip
 
