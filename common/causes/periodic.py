@@ -144,8 +144,8 @@ class Pulsation(PeriodicForce):
 
 
 _CYCLES = 2.0  # from one rate of a course to the next: no heart or breath changes its rate much faster
-VARIES = 0.2
-"""Standard deviation of a rate that nothing is known of, over its mean."""
+VARIES, _MOST_VARIES = 0.2, 0.25
+"""Standard deviation of a rate over its mean: of one that nothing is known of, and at most."""
 
 
 def step_s(rate_hz: float) -> float:
@@ -225,11 +225,16 @@ class Rhythm(Form):
         return [entry(VaryingPulsation, values)]
 
 
+def _lives(_: MotionGrid, rates: Shape) -> bool:
+    return float(np.std(rates)) < _MOST_VARIES * float(np.mean(rates))
+
+
 def _rhythm(form: str, size: str, *factors: Callable[[MotionGrid], Array]) -> Rhythm:
     return Rhythm(
         form=form, factors=lambda m: [factor(m) for factor in factors], living=not form, sizes=(size,),
         signs=(0,) * 6 * len(factors), logarithmic=False, grid=lambda _: [(1.2,)], costly=bool(form),
-        least_score=30.0, least_ratio=1.15, price=0.1,  # a steady pulsation that leaves 5 % more does as well
+        happens=_lives, least_score=30.0, least_ratio=1.15,
+        price=0.2,  # a steady pulsation that leaves 10 % more does as well
     )  # fmt: skip
 
 

@@ -25,7 +25,7 @@ from forefeel.diagnosis.verdict import Family
 PULSATION_HZ = 0.12, 4.0
 _LEAST_CYCLES = 5.0  # of a pulsation: fewer are not told from a force that wanders
 _WIDE, _BAND = 1.1, 0.35  # ratio to which a line that varies is wide; share within which its phase is taken
-_MANY_CYCLES = 12.0
+_SOME_CYCLES, _MANY_CYCLES = 7.0, 12.0
 _STEPS, _SINGULAR = 4, 1e-9  # of Gauss-Newton; added to its information, which then has an inverse
 _HIGHEST_ORDER = 10  # harmonic of the motion up to which a line is taken for its echo
 _ALIKE = 0.9
@@ -72,7 +72,8 @@ class Periods:
     def courses(self, fit: ModelFit, rhythm: Rhythm, count: int = 2) -> list[Shape]:
         """Shapes of the rhythms that the residual may have, by its strongest lines times the rhythm's last
         factor: of each a steady one, unless it is `living`, then the course by the phase of what is within a
-        third of the line; of one that goes with the motion, which has twice the freedom, if it has 12 cycles.
+        third of the line, if it has 7 cycles; of one that goes with the motion, which has twice the freedom,
+        12.
         """
         signals, motion = self.regression.signals, self.regression.motion(fit.model)
         *level, factor = rhythm.factors(motion)
@@ -102,7 +103,7 @@ class Periods:
             at = each_s * np.arange(-0.5, t[-1] / each_s + 0.5)
             turned = np.interp(at, t, turned - 2.0 * np.pi * line_hz * t) / (2.0 * np.pi) + line_hz * at
             rates = np.clip(np.diff(turned) / each_s, (1.0 - _BAND) * line_hz, (1.0 + _BAND) * line_hz)
-            if len(rates) > 1 and (rhythm.living or line_hz * np.ptp(t) > _MANY_CYCLES):
+            if len(rates) > 1 and line_hz * np.ptp(t) > (_SOME_CYCLES if rhythm.living else _MANY_CYCLES):
                 shapes.append(tuple(rates.tolist()))
         return shapes
 
