@@ -24,7 +24,7 @@ ROUND_TRIP, SLOW_LIMIT, ZERO = "round_trip", "slow_limit", "zero"
 """Rules by which an axis does not arm: the link is too slow, the force limit leaves no speed, the load cell
 reads a force though nothing is touched."""
 OVER_LIMIT = "over_limit"
-SLIPS, BUCKLES, LOOSENS = "gripper_slip", "buckling", "gripper_load"
+SLIPS, BUCKLES, LOOSENS = "wire_slips", "wire_near_buckling", "wire_near_slip"
 """Warnings on the instrument: it slips through the jaws, is near the load at which it bows out, at which it
 slips."""
 DECLARES = "the first arming declares that the instrument is out of contact"

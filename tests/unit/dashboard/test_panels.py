@@ -4,7 +4,7 @@ from typing import get_args
 
 import pytest
 
-from forefeel.common.events.text import long_round_trip
+from forefeel.common.events.text import BUCKLES, long_round_trip
 from forefeel.common.messages import SafetyState
 from forefeel.common.topics import MASTER_STATE, MASTER_TIMING, PARAMETERS, SLAVE_STATE, SLAVE_TIMING
 from forefeel.dashboard import panels
@@ -38,7 +38,7 @@ def test_all_is_well() -> None:
 @pytest.mark.parametrize(
     ("state", "word", "more"),
     [
-        ({"near_load": "buckling"}, "near its load", "the wire is about to bow out"),
+        ({"near_load": BUCKLES}, "near its load", "the wire is about to bow out"),
         (
             {"slipped_m": 2.1e-3, "slipped_since_ns": 0, "stamp_ns": 14 * S},
             "slipped",
