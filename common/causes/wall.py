@@ -280,7 +280,7 @@ class ContactLoss(ContactEffect):
         ),
         Transmission(
             form="dragging", shapes=("contact_position_m",), logarithmic=False, grid=_places,
-            mass_site="shaft", drags=True,
+            mass_site="shaft", drags=True, costly=True,
         ),
         Transmission(
             form="pushing", shapes=("contact_position_m", "release_s"), logarithmic=False,
@@ -344,7 +344,7 @@ class YieldingWall(ForceEffect):
                 "yield_n": fit.coefficients[0], "stiffness_n_m": fit.coefficients[0] / fit.shape[1],
                 "contact_position_m": fit.shape[0],
             },
-            happens=_moves_on,
+            happens=_moves_on, costly=True,
         ),
     )  # fmt: skip
     most = Most()
@@ -412,7 +412,7 @@ class Prolapse(ForceEffect):
             },
             beside=lambda motion, shape, _: [-_state(motion, shape)], signs=(1, 0),
             grid=_let_goes, logarithmic=False, naming=_let_go, sizes=(), least_score=40.0, least_ratio=2.0,
-            happens=_lets_go_again,
+            happens=_lets_go_again, costly=True,
         ),
     )  # fmt: skip
     relay = Relay()

@@ -32,6 +32,7 @@ _WHOLE = {
     "bits": "bits",
     "gain_n": "N per native unit",
     "zero": "native units",
+    "euler_n_m2": "N m²",
     "full_scale_native": "native units",
 }
 

@@ -27,9 +27,11 @@ TRIES = 4
 BENCHES = ("known", 678), ("play", 120)  # a capstan, a play: what the bench alone has
 ELSEWHERE = {
     "gravity_load", "capstan", "play", "gripper_slip", "buckling", "with_column", "yielding_wall", "prolapse",
+    "varying_pulsation",
 }  # fmt: skip
 """Names that QUICK has not: BENCHES have two, test_guidewire.py four, and of tests/unit
-test_diagnosis_verdicts.py the weight of a link, test_further_columns.py what follows a column.
+test_diagnosis_verdicts.py the weight of a link, test_further_columns.py what follows a column, test_rhythm.py
+a rate that varies.
 """
 _ROUGH = {"coulomb_friction", "stribeck_friction", "position_dependent_friction", "backlash"}
 """What jumps at a reversal: the band takes some of the jump, and so the printed gain is up to .2 smaller."""

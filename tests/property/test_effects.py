@@ -31,7 +31,8 @@ def effects(draw: st.DrawFn, names: list[str]) -> dict[str, Any]:
         p.name: draw(st.floats(max(p.lower, 1e-4), min(p.upper, max(p.lower, 5.0)), allow_subnormal=False))
         for p in OWN[name].parameters
     }
-    return {"effect": name, "parameters": values}
+    column = {"column": "roll"} if name == "with_column" else {}
+    return {"effect": name, "parameters": values, **column}
 
 
 @st.composite
