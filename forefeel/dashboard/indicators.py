@@ -35,7 +35,7 @@ class Light(NamedTuple):
 
 def lights(view: AxisView, now_ns: int) -> list[Light]:
     every = [_link(view, now_ns), _lease(view, now_ns), _safety(view, now_ns), _deadman(view, now_ns)]
-    return [*every, _force(view, now_ns), _instrument(view, now_ns)]
+    return [*every, _force(view, now_ns)]
 
 
 def silent_s(heard_ns: int | None, now_ns: int, since_ns: int) -> float | None:
@@ -117,22 +117,18 @@ def _deadman(view: AxisView, now_ns: int) -> Light:
 
 
 def _force(view: AxisView, now_ns: int) -> Light:
+    """Light of the force, `bad` above its limit; in its place that of the instrument, `warn` once it slipped
+    through the jaws, or while it is about to give way.
+    """
     slave = view.newest.slave
     if slave is None or _quiet(view, SLAVE_STATE, now_ns):
         return Light("force", "off", "unknown", "no slave")
-    how: tuple[Level, str] = ("bad", "above limit") if slave.over_limit else ("good", "within limit")
-    return Light("force", *how)
-
-
-def _instrument(view: AxisView, now_ns: int) -> Light:
-    """Light of the wire at the gripper: `warn` once it has slipped, or while it is about to give way."""
-    slave = view.newest.slave
-    if slave is None or _quiet(view, SLAVE_STATE, now_ns):
-        return Light("instrument", "off", "unknown", "no slave")
+    if slave.over_limit:
+        return Light("force", "bad", "above limit")
     if slave.near_load:
         return Light("instrument", "warn", "near its load", WARNINGS.get(slave.near_load, ""))
     if slave.slipped_since_ns is not None:
         lost = f"about {quantity(slave.slipped_m, 'm')} lost, " if slave.slipped_m else ""
         since_s = max(0, slave.stamp_ns - slave.slipped_since_ns) * 1e-9
         return Light("instrument", "warn", "slipped", f"{lost}first {span(since_s)} ago")
-    return Light("instrument", "good", "held", "no sign that it slips")
+    return Light("force", "good", "within limit")

@@ -31,7 +31,7 @@ def test_all_is_well() -> None:
     found = told({}, {})
     assert [each[:2] for each in found.values()] == [
         ("good", "linked"), ("good", "held"), ("good", "armed"), ("good", "pressed"),
-        ("good", "within limit"), ("good", "held"),
+        ("good", "within limit"),
     ]  # fmt: skip
 
 
