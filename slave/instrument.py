@@ -34,14 +34,12 @@ _STRAIGHT_M = 1e-3  # that is free at least
 
 
 class InstrumentWatch:
-    """Attributes: `slipped_m`: way that was lost so far, about; `since_ns`: when it slipped first; `bows_out`
-    and `loosens`: the force is near the load at which it does.
-    """
+    """Attributes: `slipped_m`: way that was lost so far, about; `since_ns`: when it slipped first."""
 
     def __init__(self, loads: InstrumentSettings) -> None:
         self.slipped_m = 0.0
         self.since_ns: int | None = None
-        self.bows_out = self.loosens = False
+        self._near = set[str]()
         self._loads = loads
         self._forces: deque[float] = deque(maxlen=_BEFORE + _GAP + _NOW)
         self._ways: deque[float] = deque(maxlen=2 * _WAY + 1)
@@ -57,21 +55,21 @@ class InstrumentWatch:
         if not (valid and held):
             self._forces.clear()
             self._ways.clear()
-            self._slipped_at, self.bows_out, self.loosens = None, False, False
+            self._near.clear()
+            self._slipped_at = None
             return []
         self._forces.append(force_n)
         self._ways.append(stage.position_m)
         hits: list[LimitHit] = []
-        for rule, size_n, load_n, was in (
-            (BUCKLES, force_n, self._buckling_n(stage.position_m), self.bows_out),
-            (LOOSENS, abs(force_n), self._loads.holding_n or inf, self.loosens),
+        for rule, size_n, load_n in (
+            (BUCKLES, force_n, self._buckling_n(stage.position_m)),
+            (LOOSENS, abs(force_n), self._loads.holding_n or inf),
         ):
-            near = size_n > (_FAR if was else _NEAR) * load_n
-            if rule == BUCKLES:
-                self.bows_out = near
-            else:
-                self.loosens = near
-            hits += [LimitHit(rule, size_n, load_n, "N")] if near and not was else []
+            if size_n <= (_FAR if rule in self._near else _NEAR) * load_n:
+                self._near.discard(rule)
+            elif rule not in self._near:
+                self._near.add(rule)
+                hits.append(LimitHit(rule, size_n, load_n, "N"))
         if len(self._ways) == self._ways.maxlen and self._slips(now_ns, stage.position_m, force_n):
             hits.append(LimitHit(SLIPS, self.slipped_m, 0.0, "m"))
         return hits
@@ -79,14 +77,14 @@ class InstrumentWatch:
     @property
     def near_load(self) -> str | None:
         """Rule of the load that the force is near to."""
-        return BUCKLES if self.bows_out else LOOSENS if self.loosens else None
+        return min(self._near, key=(BUCKLES, LOOSENS).index, default=None)
 
     def _slips(self, now_ns: int, x_m: float, force_n: float) -> bool:
         """True where a slip begins, or its way is known."""
-        forces = list(self._forces)
-        before_n, now_n = sum(forces[:_BEFORE]) / _BEFORE, sum(forces[-_NOW:]) / _NOW
         if not self._steady():
             return self._found_again(x_m, force_n)
+        forces = list(self._forces)
+        before_n, now_n = sum(forces[:_BEFORE]) / _BEFORE, sum(forces[-_NOW:]) / _NOW
         drop_n, self._learned = before_n - now_n, self._learned + 1
         if now_ns - self._told_ns < _AGAIN_NS:
             return False
@@ -111,7 +109,7 @@ class InstrumentWatch:
         """True if the stage does not go back, and hardly changes its speed."""
         old_m, middle_m, new_m = self._ways[0], self._ways[_WAY], self._ways[-1]
         first_m, second_m = middle_m - old_m, new_m - middle_m
-        recent = list(self._ways)[-1 : -_MEANT - 1 : -_STRIDE]
+        recent = [self._ways[-back] for back in range(1, _MEANT + 1, _STRIDE)]
         steps = [after - before for after, before in pairwise(recent)]
         if first_m < 0.0 or min(steps) < max(_INWARD_M, _EVEN * max(steps)):
             return False

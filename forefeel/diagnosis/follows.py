@@ -143,21 +143,22 @@ class Leftover:
         most = max(_SINGLE, key=lambda name: self._gains[name][1].gain)
         if _share(self._gains[most][1]) < _HALF:
             return np.inf
-        extra = self._variables[most]()
-        both = columns(self.regression, plain), self._columns
-        before, after = (self._errors_beside(of_fit, extra, _RIDGES[-1]) for of_fit in both)
-        return gain(self.regression, before, after).gain_low
+        return self._gain_low_beside(self._variables[most](), columns(self.regression, plain))
 
     def gain_beside_motion(self, plain: ModelFit) -> float:
         """Lower end of the held-out gain of the fit over a plainer one with the columns of the variable of
         the motion beside both that leaves least of it. The size of the force, which has what is fitted in it,
         is none.
         """
-        both, gains = (columns(self.regression, plain), self._columns), []
-        for extra in (make() for name, make in self._of_the_motion().items() if name != _SINGLE[-1]):
-            before, after = (self._errors_beside(of_fit, extra, _RIDGES[-1]) for of_fit in both)
-            gains.append(gain(self.regression, before, after).gain_low)
-        return min(gains)
+        of_plain = columns(self.regression, plain)
+        tables = (make() for name, make in self._of_the_motion().items() if name != _SINGLE[-1])
+        return min(self._gain_low_beside(extra, of_plain) for extra in tables)
+
+    def _gain_low_beside(self, extra: Floats, of_plain: tuple[Floats, Floats]) -> float:
+        """Lower end of the held-out gain of the fit's columns over plainer ones, `extra` ones beside both."""
+        both = of_plain, self._columns
+        before, after = (self._errors_beside(of_fit, extra, _RIDGES[-1]) for of_fit in both)
+        return gain(self.regression, before, after).gain_low
 
     @cached_property
     def _columns(self) -> tuple[Floats, Floats]:

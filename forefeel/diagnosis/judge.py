@@ -381,15 +381,12 @@ class Judge:
         _, held_out = self.without[name]
         rubs = [other for other in self.fit.model if cause_class(other).rubs]
         least = _CLEAR_GAIN if name in rubs and len(rubs) > 1 else _AS_GOOD
-        # a rhythm's phase is taken from the force: strokes that vary have one, too
-        rest = {other: shape for other, shape in self.fit.model.items() if other != name}
-        rhythm = isinstance(CANDIDATES[name], Rhythm)
-        imitates = rhythm and self._left_over.gain_beside_motion(self.search.fit(rest)) < _BESIDE_MOTION
         rounded_n = np.hypot(held_out.rmse_after_n, _ROUNDED * self._rounding_n)
-        if held_out.gain_low <= least or held_out.rmse_before_n < rounded_n or imitates:
+        if held_out.gain_low <= least or held_out.rmse_before_n < rounded_n:
             return True
         seldom = name == "stiffness_change:rest" and not self._moved_around(self.fit.model[name][0])
-        if seldom and held_out.gain_low < _NEARLY_ALL:
+        rhythm = isinstance(CANDIDATES[name], Rhythm)
+        if (seldom and held_out.gain_low < _NEARLY_ALL) or (rhythm and self._imitates_the_motion(name)):
             return True
         parameters = self.parameters[base_name(name)]
         ratio = parameters.get("ratio")  # of two stiffnesses
@@ -407,6 +404,13 @@ class Judge:
         return not sure and all(
             size.low <= 0.0 <= size.high or size.high - size.low > _WIDEST * abs(size.value) for size in sizes
         )
+
+    def _imitates_the_motion(self, name: str) -> bool:
+        """True if a rhythm, whose phase is taken from the force, gains little beside a function of motion:
+        strokes that vary have a phase, too.
+        """
+        rest = {other: shape for other, shape in self.fit.model.items() if other != name}
+        return self._left_over.gain_beside_motion(self.search.fit(rest)) < _BESIDE_MOTION
 
     def _moved_around(self, instant_s: float) -> bool:
         """True if at least four reversals lie before and after an instant: of fewer, two stiffnesses and two

@@ -215,12 +215,7 @@ class Signals:
         """A further column on the fine grid, in the band of the position; an angle without its wraps."""
         values = np.unwrap(column.values[piece]) if column.unit == "rad" else column.values[piece]
         even, _, _ = _uniform(time_s, grid, values, values, np.zeros(len(values), dtype=np.bool_))
-        spectrum = rfft(_padded(even, grid.padded))
-        bins = min(grid.fine // 2 + 1, len(spectrum))
-        wide = response(np.arange(bins) / grid.span_s, 2.0 * self.cutoff_hz)
-        full = np.zeros(grid.fine // 2 + 1, dtype=np.complex128)
-        full[:bins] = spectrum[:bins] * wide * (grid.fine / grid.padded)
-        return np.asarray(irfft(full, grid.fine))
+        return self._motion(grid, rfft(_padded(even, grid.padded)))[1]
 
     def _coarse(self, grid: SignalPiece, f_spec: Spectrum, bad: Mask) -> tuple[Floats, Floats, Mask]:
         """Time in s and filtered force on the coarse grid, and the mask of rows that count: not at edges, nor
