@@ -88,13 +88,22 @@ def solve_normal(gram: Floats, moment: Floats) -> tuple[Floats, float]:
 def solve_passive(gram: Floats, moment: Floats, sense: float, first: int) -> tuple[Floats, float]:
     """Normal equations in which the `first` coefficients have the sense of the force or are zero.
 
-    Where one of them has not, every set of them is tried: two that a sine does not tell apart, as mass and
-    stiffness, are large and of both signs, and no sequence of leaving out finds the best set.
+    Where one of them has not, it is left out, which is best if none that is left out would gain by the sense
+    that it may have: the problem is convex. Else every set of them is tried: two that a sine does not tell
+    apart, as mass and stiffness, are large and of both signs.
     """
     best, explained = solve_normal(gram, moment)
-    if not (best[:first] * sense < 0.0).any():
+    wrong = best[:first] * sense < 0.0
+    if not wrong.any():
         return best, explained
-    best, explained = np.zeros(len(moment)), -np.inf
+    kept = np.append(np.flatnonzero(~wrong), np.arange(first, len(moment)))
+    inner, trial = solve_normal(gram[kept[:, None], kept], moment[kept])
+    best = np.zeros(len(moment))
+    best[kept] = inner
+    gained = (moment[:first] - gram[:first] @ best)[wrong] * sense
+    if not (best[:first] * sense < 0.0).any() and (gained <= 0.0).all():
+        return best, trial
+    explained = -np.inf
     for used in product((True, False), repeat=first):
         free = np.ones(len(moment), dtype=np.bool_)
         free[:first] = used
@@ -114,7 +123,11 @@ Frame = tuple[tuple[str, Shape], ...]
 _LEAST_SIDE = 0.03  # of the samples, on each side of a play
 _NEAR_ZERO = 0.1  # of the range of the force, by which its zero may be off: where it is small
 _MOST_PRODUCTS = 100_000
-_CANCELLED = 1e-9  # of the target's power: less can not be told by inner products
+_SLACK = 1.0  # of a score, for coefficients that are left out because they depend on others
+_CANCELLED, _UNSURE = (
+    1e-9,
+    1e-6,
+)  # of the target's power: less can not, or not well, be told by inner products
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -239,6 +252,30 @@ class RecordingRegression:
         n = len(self.target)
         penalty, feasible = penalty_of(owners, model, n), self._feasible(model, owners, coefficients)
         return ModelFit(model, coefficients, owners, max(rss, 1e-300), n, penalty, feasible)
+
+    def lowest_scores(self, model: Model, name: str, shapes: Sequence[Shape]) -> Floats:
+        """Scores from below of the model with one more cause at each of these shapes: what is left where all
+        coefficients may have any sign. -inf where the cause changes the columns of others.
+        """
+        if isinstance(CANDIDATES[name], Changing) or not shapes:
+            return np.full(len(shapes), -np.inf)
+        known, moved = self._blocks(model), frame(model, Changing)
+        gram, moment = self._normal(known)
+        scale = np.sqrt(np.diag(gram)) + 1e-300
+        powers, directions = np.linalg.eigh(gram / np.outer(scale, scale))
+        used = powers > _DEPENDENT_NORMAL**2
+        directions = directions[:, used] / np.sqrt(powers[used]) / scale[:, None]
+        explained = directions.T @ moment
+        new = [self._white_block(model, moved, name, shape) for shape in shapes]
+        across = np.array([directions.T @ np.vstack([self._product(a, b) for a in known]) for b in new])
+        inner = np.array([self._product(b, b) for b in new]) - np.swapaxes(across, 1, 2) @ across
+        along = np.array([block.moment for block in new]) - explained @ across
+        gained = np.einsum("si,sij,sj->s", along, np.linalg.pinv(inner, 1e-9, hermitian=True), along)
+        left = self._power - float(explained @ explained) - gained
+        n, owners = len(self.target), ("",) * (len(moment) + new[0].columns.shape[1])
+        penalty = [penalty_of(owners, {**model, name: shape}, n) for shape in shapes]
+        bounds = n * np.log(np.maximum(left, 1e-300) / n) + penalty - _SLACK
+        return np.where(left < _UNSURE * self._power, -np.inf, bounds)
 
     def design(self, model: Model) -> Floats:
         """Whitened columns that count."""

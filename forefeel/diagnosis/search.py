@@ -441,11 +441,8 @@ class Search(Refiner):
         missed = 1.0 - look.explained < _MISSED * (self.plain_rms(best) / force_n) ** 2
         family = _FAMILIES[look.family] if missed and look.family else frozenset[str]()
         empty = self.fit({})
-        scanned = [self._scan(empty, name) for name in self._worth_trying(best)]
-        ranked = sorted(
-            (s for s in scanned if s is not None),
-            key=lambda s: (not family & set(map(base_name, s.model)), s.score),
-        )
+        scanned = self._scans(empty, self._worth_trying(best))
+        ranked = sorted(scanned, key=lambda s: not family & set(map(base_name, s.model)))
         tried = {base_name(name) for name in best.model}
         alone = len(tried)
         for start in ranked:
@@ -462,28 +459,50 @@ class Search(Refiner):
 
     def best_with(self, fit: ModelFit, name: str, near: float = np.inf) -> ModelFit | None:
         """Fit with one more cause, refined; None when none is feasible or its grid score is above `near`."""
-        coarse = self._scan(fit, name)
-        best = None if coarse is None or coarse.score > near else self.refined(coarse, only=name)
-        return None if best is None or not best.feasible else best
+        refined = [self.refined(coarse, only=name) for coarse in self._scans(fit, [name], near=near)]
+        return refined[0] if refined and refined[0].feasible else None
 
-    def _scan(self, fit: ModelFit, name: str) -> ModelFit | None:
-        """Best feasible fit with one more cause at the shapes of `_shapes`, not refined; without pulsations
-        that echo the motion. None where no shape is feasible.
+    def _scans(
+        self, fit: ModelFit, names: Iterable[str], most: int | None = None, near: float = np.inf
+    ) -> list[ModelFit]:
+        """Fits with one more cause, each at its best shape of `_shapes`, not refined, the best first: `most`
+        of those with a score up to `near` that hide no cause. Branch and bound: only shapes are fitted that
+        can be among them.
+        """
+        scans: list[ModelFit] = []
+        shapes = {name: self._shapes(fit, name) for name in names}
+        bounds = {name: self.regression.lowest_scores(fit.model, name, shapes[name]) for name in shapes}
+        for name in sorted(shapes, key=lambda name: float(np.min(bounds[name], initial=np.inf))):
+            scan = self._scan(fit, name, shapes[name], bounds[name], near)
+            if scan is not None and not self._hides(scan, fit):
+                scans = sorted([*scans, scan], key=lambda scan: scan.score)[:most]
+            if len(scans) == most:
+                near = min(near, scans[-1].score)
+        return scans
+
+    def _scan(
+        self, fit: ModelFit, name: str, shapes: list[Shape], bounds: Floats, near: float
+    ) -> ModelFit | None:
+        """Best feasible fit with one more cause at one of these shapes, of a score up to `near`; without
+        pulsations that echo the motion.
         """
         best: ModelFit | None = None
         periodic = isinstance(CANDIDATES[name], Periodic | Rhythm)
         repeats = periodic or isinstance(CANDIDATES[name], PositionWave)
-        for shape in self._shapes(fit, name):
-            trial = self.fit({**fit.model, name: shape})
-            margin = _SUBHARMONIC if best is not None and repeats else 0.0
-            better = best is None or trial.score < best.score - margin
-            if better and trial.feasible and not (periodic and self.periods.echo(trial, name)):
+        # of what repeats the strongest line comes first, and a weaker one has to be clearly better
+        for i in range(len(shapes)) if repeats else np.argsort(bounds, kind="stable"):
+            limit = near if best is None else best.score - (_SUBHARMONIC if repeats else 0.0)
+            if bounds[i] > limit:
+                continue
+            trial = self.fit({**fit.model, name: shapes[i]})
+            better = trial.score < limit and trial.feasible
+            if better and not (periodic and self.periods.echo(trial, name)):
                 best = trial
         return best
 
     def _shapes(self, fit: ModelFit, name: str) -> list[Shape]:
-        """Shapes to try for a cause: lines or waves of the residual, else of its grid; first the one that the
-        fit has, and of a mode only those that the motion resolves.
+        """Shapes to try for a cause: lines or waves of the residual, else of its grid, of a mode only those
+        that the motion resolves.
         """
         if isinstance(CANDIDATES[name], Periodic):
             return self.periods.lines(fit)
@@ -495,8 +514,6 @@ class Search(Refiner):
             return [
                 s for s in CANDIDATES[name].grid(self.regression.extent) if self.periods.resolved(name, s)
             ]
-        if fit.model.get(name):
-            return [fit.model[name], *CANDIDATES[name].grid(self.regression.extent)]
         return CANDIDATES[name].grid(self.regression.extent)
 
     def _forward(self, fit: ModelFit) -> ModelFit | None:
@@ -514,13 +531,9 @@ class Search(Refiner):
         """Best of the fits with one of these causes more, the four best on their grids refined; None when
         none is feasible or the best is not worth it. Passes over causes kin to one in the model.
         """
-        scanned = [self._scan(fit, name) for name in names if self.open_to(fit, name)]
-        ranked = sorted(
-            (s for s in scanned if s is not None and not self._hides(s, fit)), key=lambda s: s.score
-        )[:4]
         refined = [
             self.refined(trial, only=next(iter(set(trial.model) - set(fit.model))), most=_ROUGH)
-            for trial in ranked
+            for trial in self._scans(fit, [name for name in names if self.open_to(fit, name)], most=4)
         ]
         refined = [trial for trial in refined if trial.feasible]
         if not refined:
@@ -585,16 +598,13 @@ class Search(Refiner):
         best: ModelFit | None = None
         for name in fit.model:
             rest = self.fit({n: shape for n, shape in fit.model.items() if n != name})
-            scanned = [
-                self._scan(rest, other)
+            others = [
+                other
                 for other in self._worth_trying(fit, rest)
                 if other not in fit.model and self.open_to(rest, other)
             ]
-            ranked = sorted((s for s in scanned if s is not None), key=lambda s: s.score)[:2]
             reach = abs(rest.score - fit.score)
-            for trial in ranked:
-                if trial.score > fit.score + _NEAR * reach:
-                    continue
+            for trial in self._scans(rest, others, most=2, near=fit.score + _NEAR * reach):
                 (new,) = set(trial.model) - set(rest.model)
                 rough = self.refined(trial, only=new, most=_ROUGH)
                 better = self.refined(rough) if rough.score < fit.score + _NEARER * reach else rough

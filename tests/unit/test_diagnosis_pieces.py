@@ -6,6 +6,8 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.optimize import nnls
 from scipy.signal import lfilter
 
+from forefeel.common.causes.candidate import Form, Mode, Model
+from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
@@ -126,6 +128,23 @@ def test_dependent_columns_do_not_break_the_fit() -> None:
     theta, rss = solve(np.column_stack([a, a[:, 0] * 3.0]), a @ [1.0, 2.0])
     assert rss < 1e-18
     assert (theta[0] + 3.0 * theta[2], theta[1]) == pytest.approx((1.0, 2.0))
+
+
+@pytest.mark.parametrize("model", [{}, {"bias": (), "stiffening": ()}, {"time_delay": (0.02,)}])
+def test_no_fit_scores_lower_than_its_bound_and_one_of_right_signs_as_low(model: Model) -> None:
+    t, x, v, a = motion(5)
+    f = linear(x, v, a) + 0.02 * np.tanh(200.0 * v) + noise(5, len(t))
+    regression = RecordingRegression(signals(t, x, f), 1e-3)
+    nearest = []
+    for name, candidate in CANDIDATES.items():
+        if not isinstance(candidate, Form | Mode) or name in model:
+            continue
+        shapes = candidate.grid(regression.extent)[:20]
+        for shape, bound in zip(shapes, regression.lowest_scores(model, name, shapes), strict=True):
+            above = regression.fit({**model, name: shape}).score - bound
+            assert above > 0.0, (name, shape)
+            nearest.append(above)
+    assert np.sum(np.array(nearest) < 1.01) > 50
 
 
 @pytest.mark.parametrize("sense", [1.0, -1.0])
