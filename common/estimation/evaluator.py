@@ -41,8 +41,8 @@ class Estimate(NamedTuple):
 
 class Learned(Protocol):
     """theta by expert, learned with stops of the radii `radii_m`; weights by member of the blend; taught:
-    1 while another run has taught the contact; f0, range of the forces, largest error of the zero-order hold
-    L, reach, time judged T; of the band the recent error and the factor.
+    1 while another run has taught the contact; persistence: rho of `blend`; f0, range of the forces, largest
+    error of the zero-order hold L, reach, time judged T; of the band the recent error and the factor.
 
     renewals: number of times that the learner has begun anew.
     """
@@ -57,6 +57,7 @@ class Learned(Protocol):
     recent_n: float
     factor: float
     taught: float
+    persistence: float
     radii_m: Annotated[Array, banks.STOPS]
     theta: Annotated[Array, len(experts.NAMES), experts.ROW]
     weights: Annotated[Array, MEMBERS]
@@ -82,6 +83,7 @@ def nothing_learned() -> Record:
     learned = Record(Learned)
     learned.values["weights"][ZOH] = 1.0
     learned.values["factor"] = np.inf
+    learned.values["persistence"] = 1.0
     return learned
 
 
@@ -91,9 +93,9 @@ class Evaluation(Protocol):
     newest: the sample of the newest force, -1 if its motion is not known; newest_s, held_n: its stamp and
     value. received: number of forces in received_s and received_n. stage: expected position, velocity and
     acceleration. taught_n: the largest force so far of the contact as taught. contact_n: force of the
-    contact; steadily_n: the same without the steps from one fit to the next. rows: u of `experts`; members_n:
-    predictions by member; others_n: the prediction without a taught contact; force_n, half_n, scale_n: the
-    prediction, NaN without one, and its band.
+    contact; steadily_n: the same without the steps from one fit to the next; residual_n: what it left of the
+    force then newest. rows: u of `experts`; members_n: predictions by member; others_n: the prediction
+    without a taught contact; force_n, half_n, scale_n: the prediction, NaN without one, and its band.
     """
 
     newest: float
@@ -109,6 +111,7 @@ class Evaluation(Protocol):
     stage: Annotated[Array, RING, 3]
     contact_n: Annotated[Array, RING]
     steadily_n: Annotated[Array, RING]
+    residual_n: Annotated[Array, RING]
     rows: Annotated[Array, RING, experts.ROW]
     members_n: Annotated[Array, RING, MEMBERS]
     others_n: Annotated[Array, RING]

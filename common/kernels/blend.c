@@ -2,6 +2,7 @@
 
 /* Judged time in which little is known of L and of the range of the forces. */
 static const double EARLY_S = 5.0;
+static const double COLD = 0.1, COLD_S = 6.0;
 static const double TINY = 1e-200, FLOOR = 0.003;
 
 /* Divides the weights between the blend of the others and the two members of a taught contact. */
@@ -22,7 +23,7 @@ static void share_out(Blend *blend) {
 
 /* Sets the weights by the losses; their sum is 1. */
 static void weigh(Blend *blend) {
-    const double SHARES[] = {0.7, 0.3}, COLD = 0.1, COLD_ERRORS = 0.1, COLD_S = 6.0;
+    const double SHARES[] = {0.7, 0.3}, COLD_ERRORS = 0.1;
     int count = blend->taught > 0.0 ? CONTACT : MEMBERS;
     double *weights = blend->weights, largest_n2 = blend->largest_n * blend->largest_n;
     double known = blend->informed_n2 / (COLD_ERRORS * largest_n2 + TINY) + square(blend->known_s / COLD_S);
@@ -34,7 +35,7 @@ static void weigh(Blend *blend) {
         if (e != FIRST_EXPERT + ODD)
             weights[e] += cold;
         if (e >= CONTACT)
-            weights[e] += blend->unexplained_n * blend->unexplained_n;
+            weights[e] += square(blend->unexplained_n) / (e == CONTACT ? 1.0 : 1.0 + square(blend->known_s / COLD_S));
         lowest = least(lowest, weights[e]);
     }
     for (int e = 0; e < count; e++) {
@@ -47,11 +48,12 @@ static void weigh(Blend *blend) {
         share_out(blend);
 }
 
-/* Updates losses, reach and weights by a force of h seconds, its predictions, the forces' range; `others_n`: the
-   prediction without a taught contact. */
-static void judge_blend(Blend *blend, const double *members_n, double others_n, double force_n, double range_n,
-                        double h) {
+/* Updates losses, persistence, reach and weights by a force of h seconds, its predictions, the forces' range;
+   `others_n`: the prediction without a taught contact, `residual_n`: what the contact left of the force then newest. */
+static void judge_blend(Blend *blend, const double *members_n, double others_n, double residual_n, double force_n,
+                        double range_n, double h) {
     const double MEMORIES_S[] = {2.0, 8.0}, CAP = 0.8, CAP_S = 10.0, REACH_S = 2.0, REACH_SHARE = 0.25, NEWEST = 0.125;
+    const double PRIOR_S = 1.0;
     double error_n2 = square(force_n - members_n[ZOH]);
     double keep_fast = exp(-h / MEMORIES_S[0]), keep_slow = exp(-h / MEMORIES_S[1]);
     blend->seen_fast = blend->seen_fast * keep_fast + h;
@@ -68,6 +70,13 @@ static void judge_blend(Blend *blend, const double *members_n, double others_n, 
         double loss = least(isnan(members_n[e]) ? error_n2 : square(members_n[e] - force_n), cap);
         blend->losses[0][e] = blend->losses[0][e] * keep_fast + h * loss;
         blend->losses[1][e] = blend->losses[1][e] * keep_slow + h * loss;
+    }
+    if (blend->taught == 0.0 && !isnan(residual_n)) {
+        double prior_n2 = PRIOR_S * square(COLD * blend->largest_n) + TINY;
+        blend->residual_n2 = blend->residual_n2 * keep_slow + h * square(residual_n);
+        blend->persistent_n2 = blend->persistent_n2 * keep_slow + h * residual_n * (force_n - members_n[CONTACT]);
+        blend->persistence =
+            within(0.0, 1.0, (blend->persistent_n2 + prior_n2) / (blend->residual_n2 + prior_n2));
     }
     const double rivals_n[] = {others_n, members_n[CONTACT], members_n[CONTACT + 1]};
     double keep = exp(-h / (NEWEST * blend->known_s));
@@ -106,4 +115,6 @@ static void discount_blend(Blend *blend) {
     blend->seen_fast *= KICK;
     blend->seen_slow *= KICK;
     blend->zoh_n2 *= KICK;
+    blend->residual_n2 *= KICK;
+    blend->persistent_n2 *= KICK;
 }

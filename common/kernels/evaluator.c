@@ -73,7 +73,9 @@ static void predict_members(Evaluation *evaluation, const Learned *learned, long
     predict_experts(members_n + FIRST_EXPERT, learned->theta, known_row, held_n, learned->first_n,
                     learned->largest_n, largest_n);
     members_n[CONTACT] = evaluation->contact_n[i];
-    members_n[CONTACT + 1] = held_n + evaluation->steadily_n[i] - evaluation->steadily_n[j];
+    double residual_n = held_n + evaluation->steadily_n[i] - evaluation->steadily_n[j] - evaluation->contact_n[i];
+    members_n[CONTACT + 1] = evaluation->contact_n[i] + learned->persistence * residual_n;
+    evaluation->residual_n[i] = residual_n;
     double range_n = forces->high_n - forces->low_n;
     for (int e = CONTACT; e < MEMBERS; e++)
         if (learned->taught == 0.0 && !isnan(members_n[e]))

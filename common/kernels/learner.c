@@ -16,7 +16,7 @@ static void learn(Knowledge *knowledge, const Evaluation *evaluation, long n, do
     }
     knowledge->predicted_n2 += h * square(error_n);
     knowledge->zoh_n2 += h * square(step_n);
-    judge_blend(&knowledge->blend, members_n, evaluation->others_n[i], force_n, range_n, h);
+    judge_blend(&knowledge->blend, members_n, evaluation->others_n[i], evaluation->residual_n[i], force_n, range_n, h);
     learn_band(&knowledge->band, error_n, evaluation->half_n[i], evaluation->scale_n[i], h);
     if (changed(&knowledge->change, members_n[FIRST_EXPERT + PLAIN] - force_n, range_n, h)) {
         discount_experts(&knowledge->experts);
@@ -70,4 +70,5 @@ void learner_publish(const Knowledge *knowledge, Learned *learned) {
     memcpy(learned->theta, knowledge->experts.theta, sizeof learned->theta);
     memcpy(learned->weights, blend->weights, sizeof learned->weights);
     learned->taught = blend->taught;
+    learned->persistence = blend->persistence;
 }

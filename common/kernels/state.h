@@ -65,6 +65,7 @@ typedef struct {
     double stage[8192][3];
     double contact_n[8192];
     double steadily_n[8192];
+    double residual_n[8192];
     double rows[8192][102];
     double members_n[8192][8];
     double others_n[8192];
@@ -85,6 +86,7 @@ typedef struct {
     double recent_n;
     double factor;
     double taught;
+    double persistence;
     double radii_m[8];
     double theta[5][102];
     double weights[8];
@@ -110,6 +112,9 @@ typedef struct {
     double largest_n;
     double reach_n;
     double unexplained_n;
+    double residual_n2;
+    double persistent_n2;
+    double persistence;
     double taught;
     double losses[2][8];
     double weights[8];

@@ -12,9 +12,9 @@ void test_predict_experts(double *experts_n, const double *theta, const double *
 void test_clear_stop(double *rows, int count, int stop) { clear_stop((double(*)[ROW])rows, count, stop); }
 void test_renew_stops(Learning *learning, const double *radii_m) { renew_stops(learning, radii_m); }
 void test_discount_experts(Learning *learning) { discount_experts(learning); }
-void test_judge_blend(Blend *blend, const double *members_n, double others_n, double force_n, double range_n,
-                      double h) {
-    judge_blend(blend, members_n, others_n, force_n, range_n, h);
+void test_judge_blend(Blend *blend, const double *members_n, double others_n, double residual_n,
+                      double force_n, double range_n, double h) {
+    judge_blend(blend, members_n, others_n, residual_n, force_n, range_n, h);
 }
 void test_blend_mean(const double *weights, const double *members_n, double *mean) {
     Mean of = blend_mean(weights, members_n, MEMBERS);

@@ -96,10 +96,10 @@ def solve_passive(gram: Floats, moment: Floats, sense: float, first: int) -> tup
     wrong = best[:first] * sense < 0.0
     if not wrong.any():
         return best, explained
-    kept = np.append(np.flatnonzero(~wrong), np.arange(first, len(moment)))
-    inner, trial = solve_normal(gram[kept[:, None], kept], moment[kept])
+    places = np.append(np.flatnonzero(~wrong), np.arange(first, len(moment)))
+    inner, trial = solve_normal(gram[places[:, None], places], moment[places])
     best = np.zeros(len(moment))
-    best[kept] = inner
+    best[places] = inner
     gained = (moment[:first] - gram[:first] @ best)[wrong] * sense
     if not (best[:first] * sense < 0.0).any() and (gained <= 0.0).all():
         return best, trial

@@ -109,7 +109,7 @@ def test_weights_are_the_fourth_power_of_the_losses_seen() -> None:
     errors[:, blends.ZOH] = zoh_n * np.linspace(1.0, 2.0, 300)
     errors[:, 2] = np.nan  # one that says nothing
     for n in range(300):
-        call("judge_blend", blend, 1.0 + errors[n], 1.0, 1.0, range_n, h)
+        call("judge_blend", blend, 1.0 + errors[n], 1.0, np.nan, 1.0, range_n, h)
     squares = np.where(np.isnan(errors), errors[:, :1], errors) ** 2
     zoh2, losses = errors[:, 0] ** 2, squares.copy()
     for n in range(300):
@@ -142,6 +142,26 @@ def test_weights_are_the_fourth_power_of_the_losses_seen() -> None:
     assert leading == np.argmax(speaking)
 
 
+def test_what_lasts_of_the_contacts_residual_is_its_regression_over_8_s() -> None:
+    rng = np.random.default_rng(2)
+    blend, h, count, zoh_n = Record(blends.Blend), 0.01, 400, 0.2
+    blends.begin(blend.values, taught=False)
+    assert blend.values["persistence"] == 1.0
+    residual = rng.standard_normal(count) * 0.1
+    left = 0.4 * residual + 0.05 * rng.standard_normal(count)
+    residual[7] = np.nan  # in a gap of the motion
+    members = np.full((count, blends.MEMBERS), zoh_n)
+    members[:, blends.CONTACT] = -left
+    for n in range(count):
+        call("judge_blend", blend, members[n], 0.0, float(residual[n]), 0.0, 1.0, h)
+    known = np.isfinite(residual)
+    fading, known_n2 = np.exp(-np.arange(known.sum())[::-1] * h / 8.0) * h, (0.1 * zoh_n) ** 2
+    r = residual[known]
+    expected = (fading @ (r * left[known]) + known_n2) / (fading @ r**2 + known_n2)
+    assert blend.values["persistence"] == pytest.approx(expected, rel=1e-9)
+    assert expected == pytest.approx(0.4, abs=0.05)
+
+
 def test_taught_contact_shares_with_the_blend_of_the_others_by_the_newest_errors() -> None:
     rng = np.random.default_rng(1)
     h, count, contact = 0.01, 250, blends.CONTACT
@@ -152,7 +172,7 @@ def test_taught_contact_shares_with_the_blend_of_the_others_by_the_newest_errors
     for blend, is_taught in zip(both, (True, False), strict=True):
         blends.begin(blend.values, taught=is_taught)
         for n in range(count):
-            call("judge_blend", blend, errors[n], float(others[n]), 0.0, 1.0, h)
+            call("judge_blend", blend, errors[n], float(others[n]), np.nan, 0.0, 1.0, h)
     squares = np.stack([others, errors[:, contact], errors[:, blends.ZOH]]) ** 2
     keep = np.exp(-h / (0.125 * h * np.arange(1, count + 1)))
     left = np.append(np.cumprod(keep[:0:-1])[::-1], 1.0)
