@@ -12,10 +12,15 @@ from forefeel.common.causes.column import WithColumn
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.motion import Motion, MotionSample
 from forefeel.common.errors import ConfigurationError, RecordingError
+from forefeel.common.estimation.predictor import Predictor
 from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Column, Recording
 from forefeel.diagnosis.confirmation import confirm
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink
+from forefeel.diagnosis.evaluation.evaluate import prepare
+from forefeel.diagnosis.evaluation.methods import METHODS, replay
+from forefeel.diagnosis.evaluation.score import completed
 from forefeel.diagnosis.extended_model import extended_model, simulated_n
 from forefeel.results.verdict_text import answer
 from tests.unit.diagnosis_samples import made
@@ -135,3 +140,24 @@ def test_its_model_needs_the_column() -> None:
 def test_a_model_says_which_column_and_only_where_there_is_one(entry: dict[str, str]) -> None:
     with pytest.raises(ValueError, match=r"effects\[0\].column = .*: expected"):
         ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "m", "effects": [entry]})
+
+
+def test_the_predictor_uses_the_column_that_its_model_follows() -> None:
+    holder = {"sine_n": _WEIGHT_N * np.cos(0.5), "cosine_n": _WEIGHT_N * np.sin(0.5)}
+    effects = [
+        {"effect": "mass_damper_spring", "parameters": {"damping_n_s_m": 0.8, "stiffness_n_m": 40.0}},
+        {"effect": "with_column", "column": "roll_rad", "parameters": holder},
+    ]
+    rolled, link = _with_roll(made(), _WEIGHT_N), DelayedLink(0.3)
+    error_n = []
+    for some in (effects, effects[:1]):
+        model = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "m", "effects": some})
+        prepared = prepare(rolled, link, model)
+        predicted = replay(rolled, prepared.arrivals, METHODS["forefeel"](model))
+        error_n.append(np.std((completed(predicted, prepared.zoh) - prepared.force_n)[prepared.rows]))
+    assert error_n[0] < 0.1 * error_n[1]
+    model = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "m", "effects": effects})
+    with pytest.raises(RecordingError, match="no column 'roll_rad', expected the one that the model follows"):
+        prepare(made(), link, model)
+    with pytest.raises(ValueError, match="no 'roll_rad'; expected the columns that the model follows"):
+        Predictor(model).move(0.0, 0.0, {"pitch_rad": 0.0})
