@@ -120,6 +120,11 @@ class AxisSettings(Settings):
         return {slot: getattr(self, slot) for slot in SLOTS if slot in type(self).model_fields}
 
     @property
+    def columns(self) -> tuple[str, ...]:
+        """Names of other axes whose motion its contact model follows."""
+        raise NotImplementedError
+
+    @property
     def bounds(self) -> tuple[Bound, ...]:
         """Bounds of every setting that can switch a protection off."""
         raise NotImplementedError
@@ -225,6 +230,15 @@ class DaemonSettings(Settings):
         names = [axis.name for axis in self.axes]
         if len(set(names)) != len(names):
             raise ValueError(f"axes: names {names}: expected each name once")
+        return self
+
+    @model_validator(mode="after")
+    def _follow_each_other(self) -> Self:
+        for axis in self.axes:
+            others = [other.name for other in self.axes if other is not axis]
+            for column in sorted(set(axis.columns) - set(others)):
+                expected = f"another axis of the cell: {', '.join(others) or 'there is none'}"
+                raise ValueError(f"axes: {axis.name}: column = {column!r} in its model: expected {expected}")
         return self
 
 

@@ -286,8 +286,12 @@ def evaluate(
     Raises:
         RecordingError: no force, or too short.
     """
-    prepared = prepare(_recording(recording, force=True), DelayedLink(delay_s, jitter_s, loss, seed))
-    details = _evaluate(prepared, None if model is None else load_model(Path(model)))
+    given, link = (
+        None if model is None else load_model(Path(model)),
+        DelayedLink(delay_s, jitter_s, loss, seed),
+    )
+    prepared = prepare(_recording(recording, force=True), link, given)
+    details = _evaluate(prepared, given)
     return Evaluation(delay_s, {name: score.size.rms_n for name, score in details.scores.items()}, details)
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from forefeel.common import topics
 from forefeel.common.bus import Bus, Publisher
+from forefeel.common.causes.motion import NO_COLUMNS, Columns
 from forefeel.common.errors import DeviceError
 from forefeel.common.events.console import printable
 from forefeel.common.events.sink import HALTED, NULL_EVENT_SINK, EventSink
@@ -191,19 +192,20 @@ class MasterAxis:
 
     # --- the haptic loop ---
 
-    def tick(self, now_ns: int) -> None:
+    def tick(self, now_ns: int, further: Columns = NO_COLUMNS) -> None:
         """Runs one haptic tick: takes the forces that arrived, reads the handle, predicts and renders the
         force; in an open session publishes command and haptic sample. The handle's button asks for an
         emergency stop. After `fail` the rendered force is 0; while stopping it fades out and the deadman
-        counts as released.
+        counts as released. `further`: see `HapticInputs`.
         """
         self._take_forces()
         state, stage_position_m, force = self._shown_state(now_ns), self._stage_position_m, self._force
         self.handle.show(Indication(state, stage_position_m))
         reading = self._hand.read(now_ns)
         live_state = None if self.stopping else state  # the force fades before the handle is let go
+        snapshot = self.identification.snapshot
         outputs = self._loop.tick(
-            now_ns, HapticInputs(reading, live_state, stage_position_m, force, self.identification.snapshot)
+            now_ns, HapticInputs(reading, live_state, stage_position_m, force, snapshot, further)
         )
         rendered_n = self._hand.render(0.0 if self._failed else outputs.rendered_n, now_ns)
         self._loop.applied(rendered_n)
@@ -267,6 +269,11 @@ class MasterAxis:
         )
         offset = self._heartbeats.offset
         self._haptics.send(haptic_sample(header, outputs, rendered_n, handle_m, force, offset))
+
+    @property
+    def stage_m(self) -> float:
+        """Expected position of the stage now; 0 before any is known."""
+        return self._loop.stage_m
 
     # --- on asyncio ---
 

@@ -53,6 +53,10 @@ class MasterDaemon:
             _axis(settings, axis, bus, new_id, runtime, event_sink)
             for axis, bus in zip(settings.axes, buses, strict=True)
         ]
+        by_name = {axis.name: axis for axis in self.axes}
+        followed = [[by_name[name] for name in axis.columns] for axis in settings.axes]
+        # who follows another axis comes after it, and meets its stage of the same tick
+        self._ticked = sorted(zip(self.axes, followed, strict=True), key=lambda pair: len(pair[1]))
         with ExitStack() as opened:  # closed again when the daemon can not be composed
             for axis in self.axes:
                 opened.callback(axis.handle.close)
@@ -83,8 +87,8 @@ class MasterDaemon:
         return all(axis.handle.finished for axis in self.axes)
 
     def tick(self, now_ns: int) -> None:
-        for axis in self.axes:
-            axis.tick(now_ns)
+        for axis, followed in self._ticked:
+            axis.tick(now_ns, {other.name: other.stage_m for other in followed})
 
     def fail(self, error: BaseException) -> None:
         """Logs a fault of any thread and fails every axis, whatever another one raises."""

@@ -3,6 +3,7 @@
 from math import isfinite
 from typing import NamedTuple
 
+from forefeel.common.causes.motion import NO_COLUMNS, Columns
 from forefeel.common.estimation.evaluator import Estimate, Snapshot
 from forefeel.common.events.text import DISTRUSTED
 from forefeel.common.limiter import LimitHit
@@ -31,13 +32,16 @@ class NewestForce(NamedTuple):
 
 
 class HapticInputs(NamedTuple):
-    """Inputs of a tick. `state`, `stage_position_m`: the slave's, as they arrived last."""
+    """Inputs of a tick. `state`, `stage_position_m`: the slave's, as they arrived last. `further`: where the
+    other axes' stages are expected, of those that the contact's model follows.
+    """
 
     reading: HandleReading
     state: SafetyState | None
     stage_position_m: float | None
     force: NewestForce | None
     snapshot: Snapshot
+    further: Columns = NO_COLUMNS
 
 
 class HapticOutputs(NamedTuple):
@@ -76,7 +80,8 @@ class HapticLoop:
     """Handle in, command out, force out.
 
     Attributes:
-        prediction: of the force, which is to be told how late the slave's limit sees one.
+        prediction: of the force, which is to be told how late the slave's limit sees one. stage_m: where the
+            stage is expected now, for the other axes; 0 before it is known.
     """
 
     def __init__(
@@ -87,7 +92,7 @@ class HapticLoop:
         actuator_delay_s: float = 0.0,
     ) -> None:
         self.clutch = Clutch()
-        self.prediction = prediction
+        self.prediction, self.stage_m = prediction, 0.0
         self._renderer = ForceRenderer(settings, actuator_delay_s)
         self._watch = RenderingWatch(settings, limits or AxisLimits())
         self._rendered = Rendered(0.0, (), 0.0)
@@ -111,6 +116,10 @@ class HapticLoop:
         deadman = reading.deadman and not self._watch.ends
         if predicted is not None and not isfinite(sum(predicted[:3])):
             predicted = None
+        if reading.gripper is Grip.OPEN or inputs.state not in FOLLOWING:
+            self.stage_m = self.stage_m if inputs.stage_position_m is None else inputs.stage_position_m
+        elif deadman:  # just released, it stays there; the readback is of before
+            self.stage_m = self.prediction.stage_m
         zoh_n = force.sample.force_n if force else None
         late = self._feels_zoh or self._watch.distrusts
         felt_n = zoh_n if late else predicted.force_n if predicted else None
@@ -151,5 +160,5 @@ class HapticLoop:
             return None
         newest = inputs.force.sample if inputs.force else None
         return self.prediction.predict(
-            now_ns, position_m, reading.velocity_m_s, reading.deadman, inputs.snapshot, newest
+            now_ns, position_m, reading.velocity_m_s, reading.deadman, inputs.snapshot, newest, inputs.further
         )

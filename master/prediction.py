@@ -12,6 +12,7 @@ from collections import deque
 from operator import itemgetter
 from typing import NamedTuple
 
+from forefeel.common.causes.motion import NO_COLUMNS, Columns
 from forefeel.common.estimation.evaluator import Estimate, Evaluator, Snapshot
 from forefeel.common.estimation.learner import Learner
 from forefeel.common.estimation.stage_lag import StageLag
@@ -118,13 +119,15 @@ class ForcePrediction:
         limits: of the axis, as both ends share them.
 
     Attributes:
-        evaluator, lag, setpoint: what the identification task reads of the loop.
+        evaluator, lag, setpoint: what the identification task reads of the loop. stage_m: where the stage is
+            expected at the newest command.
     """
 
     def __init__(self, limits: AxisLimits) -> None:
         self.lag = StageLag()
         self.setpoint = ExpectedSetpoint(limits)
         self.evaluator = Evaluator()
+        self.stage_m = 0.0
         self._origin_ns: int | None = None
         self._newest: ForceSample | None = None
         self._expected: Estimate | None = None
@@ -137,10 +140,12 @@ class ForcePrediction:
         deadman: bool,
         snapshot: Snapshot,
         newest: ForceSample | None,
+        further: Columns = NO_COLUMNS,
     ) -> Estimate | None:
         """Force where the slave's setpoint and its lagging stage will be by this command; None before any
         force has arrived. Stateful, once per command: a new `newest` corrects setpoint and prediction at
-        once; without `deadman` the setpoint jumps to the command. `snapshot`: state of the learning.
+        once; without `deadman` the setpoint jumps to the command. `snapshot`: state of the learning;
+        `further`: columns that the contact's model follows.
         """
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
@@ -150,9 +155,10 @@ class ForcePrediction:
             if (answered_s := self.stamp_s(newest)) is not None:
                 self.evaluator.hear(answered_s, newest.force_n)
         setpoint_m = self.setpoint.follow(stamp_ns, position_m, velocity_m_s, deadman, self._expected)
-        stage_m = self.lag.command(stamp_ns, setpoint_m)
+        self.stage_m = self.lag.command(stamp_ns, setpoint_m)
         self.evaluator.snapshot = snapshot
-        self.evaluator.move((stamp_ns - self._origin_ns) * 1e-9, setpoint_m, stage_m, velocity_m_s)
+        stamp_s = (stamp_ns - self._origin_ns) * 1e-9
+        self.evaluator.move(stamp_s, setpoint_m, self.stage_m, velocity_m_s, further)
         self._expected = self.evaluator.predict()
         return self._expected
 

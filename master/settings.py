@@ -7,6 +7,7 @@ from pydantic import AfterValidator, Field, SerializeAsAny, model_validator
 
 from forefeel.common.config import Settings, beside_the_file
 from forefeel.common.hardware.driver import driver_settings
+from forefeel.common.model_file import load_model
 from forefeel.common.prior_file import Key
 from forefeel.common.settings import (
     STOP_S,
@@ -89,6 +90,10 @@ class MasterAxisSettings(AxisSettings):
     handle: HandleSection = _OPERATOR
     prediction: PredictionSettings = PredictionSettings()
     rendering: RenderingSettings = RenderingSettings()
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        return () if self.prediction.model is None else load_model(self.prediction.model).columns
 
     @property
     def bounds(self) -> tuple[Bound, ...]:

@@ -95,9 +95,13 @@ class SlaveDaemon:
         ]
         self._event_sink, self._now_ns = event_sink, runtime.clock.now_ns
         self._clear: BoundedQueue[ClearRequest] = BoundedQueue(_CLEARINGS)
+        worlds = {axis.name: SimulatedWorld(axis.simulation, axis.seed) for axis in settings.axes}
+        for wanted in settings.axes:
+            worlds[wanted.name].others = {name: worlds[name] for name in wanted.columns}
+        devices = [_devices(wanted, worlds[wanted.name], runtime.clock) for wanted in settings.axes]
         self.axes = [
-            SlaveAxis(settings.cell, axis, _devices(axis, runtime.clock), bus, new_id(), event_sink)
-            for axis, bus in zip(settings.axes, buses, strict=True)
+            SlaveAxis(settings.cell, axis, of, bus, new_id(), event_sink)
+            for axis, of, bus in zip(settings.axes, devices, buses, strict=True)
         ]
         with ExitStack() as opened:  # closed again when the daemon can not be composed
             for axis in self.axes:
@@ -193,11 +197,10 @@ class SlaveDaemon:
             axis.serve(now_ns)
 
 
-def _devices(settings: SlaveAxisSettings, clock: Clock) -> Devices:
+def _devices(settings: SlaveAxisSettings, world: SimulatedWorld, clock: Clock) -> Devices:
     """Builds the drivers that the settings name, not opened, with the origin of each by slot. Simulated ones
-    share one new simulated world of the axis; the others get the clock.
+    share the axis's world; the others get the clock.
     """
-    world = SimulatedWorld(settings.simulation, settings.seed)
     sections = settings.sections
     drivers = {slot: driver_of(slot, section) for slot, section in sections.items()}
     ports = {

@@ -92,6 +92,11 @@ class SlaveAxisSettings(AxisSettings):
         return self.load_cell.pushes_only or simulated
 
     @property
+    def columns(self) -> tuple[str, ...]:
+        hidden = self.simulation.hidden
+        return self.simulation.contact.columns + (hidden.effects.columns if hidden else ())
+
+    @property
     def bounds(self) -> tuple[Bound, ...]:
         """Ranges in which the settings of gate and limits protect, some derived from this axis's own limits:
         key, least, most, reason. Outside them a setting needs `unsafe` with a real stage.

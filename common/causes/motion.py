@@ -23,6 +23,10 @@ BAND_M_S = 1e-5
 """m/s, half the width of the linear band of a direction: a wider one makes slow friction viscous, a narrower
 one lets it chatter where a servo comes to rest."""
 
+Columns: TypeAlias = Mapping[str, float]
+"""Values of what was measured beside, by its name."""
+NO_COLUMNS: Columns = {}
+
 Kinematics: TypeAlias = Any
 """A `MotionSample` or a `Motion`: no static type says that floats and arrays have one arithmetic."""
 Value: TypeAlias = Any
@@ -37,7 +41,7 @@ class MotionSample:
     """
 
     __slots__ = ("a", "dt", "force", "further", "t", "v", "x")
-    further: Mapping[str, float]
+    further: Columns
     rate: float
     exp = math.exp
     expm1 = math.expm1
@@ -51,7 +55,7 @@ class MotionSample:
 
     def __init__(self, t: float, x: float, v: float, a: float, dt: float) -> None:
         self.t, self.x, self.v, self.a, self.dt = t, x, v, a, dt
-        self.force, self.further = 0.0, {}
+        self.force, self.further = 0.0, NO_COLUMNS
 
     @property
     def depth(self) -> float:

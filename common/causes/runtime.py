@@ -18,7 +18,7 @@ from forefeel.common.causes.base import (
     SensorEffect,
     Site,
 )
-from forefeel.common.causes.motion import Motion, MotionSample
+from forefeel.common.causes.motion import Columns, Motion, MotionSample
 from forefeel.common.causes.numerics import Array
 
 SITES: tuple[Site, ...] = "sensor", "shaft", "wall"
@@ -118,6 +118,10 @@ class ContactRuntime:
         shaft, wall = (sum(len(e.linear_names) for e in by_site[site]) for site in ("shaft", "wall"))
         self._no_wall, self._unheld = (0.0,) * wall, (0.0,) * (shaft + wall)
 
+    def follow(self, further: Columns) -> None:
+        """Sets the columns beside the motion, by name, for the steps from now on."""
+        self._sample.further = further
+
     def regressors(self, t: float, x: float, v: float, a: float, dt: float) -> list[float]:
         """Advances all but the sensor effects by dt to time t; returns phi_i of `linear_names`.
 
@@ -215,7 +219,7 @@ class ContactRuntime:
         for piece in stage.pieces:
             other.reset()
             for i in range(*piece.indices(len(stage.t))):
-                other._sample.further = {name: float(values[i]) for name, values in stage.further.items()}
+                other.follow({name: float(values[i]) for name, values in stage.further.items()})
                 step = (float(values[i]) for values in (stage.t, stage.x, stage.v, stage.a, stage.dt))
                 rows.append(other.regressors(*step))
         return np.array(rows).reshape(len(stage.t), -1)

@@ -11,6 +11,7 @@ from operator import mul
 import numpy as np
 
 from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes.motion import NO_COLUMNS, Columns
 from forefeel.common.causes.runtime import ContactRuntime
 from forefeel.common.estimation.contact_fit import CHANGED_BY, Contact, Fitting
 from forefeel.common.estimation.contact_model import Causes, MotionExtent
@@ -48,7 +49,7 @@ class ContactFit:
         self._belief = self._causes.belief(prior)
         self.contact = None if prior is None else self._of_prior(prior)
         self._contact_s = 0.0 if prior is None else prior.contact_s
-        self._samples = np.empty((5, 2 * int(_WINDOW_S / _STEP_S)))
+        self._samples = np.empty((5 + len(self._causes.columns), 2 * int(_WINDOW_S / _STEP_S)))
         self._low_m, self._high_m, self._searched_range_m = inf, -inf, 0.0
         self._new_until_s, self._due_s, self._newest_s = -inf, inf, -inf
         self._under_way = False
@@ -73,8 +74,16 @@ class ContactFit:
             occasional=bool(self._belief.theta[list(self._causes.occasional)].any()),
         )
 
-    def observe(self, t_s: float, x_m: float, v_m_s: float, a_m_s2: float, force_n: float) -> None:
-        """Adds a sample: the motion at a command's stamp and the force in N that answers it.
+    def observe(
+        self,
+        t_s: float,
+        x_m: float,
+        v_m_s: float,
+        a_m_s2: float,
+        force_n: float,
+        further: Columns = NO_COLUMNS,
+    ) -> None:
+        """Adds a sample: the motion at a command's stamp, the force in N that answers it, the columns beside.
 
         Ignores one that is out of order, under about 4 ms after the last, not finite, out of bounds or at the
         end of the sensor's range. Extends the range of motion and the time in contact; before any motion all
@@ -97,7 +106,8 @@ class ContactFit:
         if self._n == self._samples.shape[1]:
             self._n //= 2
             self._samples[:, : self._n] = self._samples[:, self._n :]
-        self._samples[:, self._n] = t_s, x_m, v_m_s, a_m_s2, force_n
+        beside = (further.get(name, 0.0) for name in self._causes.columns)
+        self._samples[:, self._n] = t_s, x_m, v_m_s, a_m_s2, force_n, *beside
         self._n += 1
         self._newest_s = t_s
         if self.contact is not None and x_m > self.contact.shape[0]:
@@ -183,10 +193,13 @@ class ContactExpert:
             self._runtime.revalue([dict(entry.parameters) for entry in contact.model.effects])
         self._theta, self._renewed = contact.theta, True
 
-    def move(self, t_s: float, x_m: float, v_m_s: float, a_m_s2: float, dt_s: float) -> float:
+    def move(
+        self, t_s: float, x_m: float, v_m_s: float, a_m_s2: float, dt_s: float, further: Columns = NO_COLUMNS
+    ) -> float:
         """Advances the contact by `dt_s` and returns its force in N; NaN before `use`."""
         if self._runtime is None:
             return nan
+        self._runtime.follow(further)
         force_n: float = sum(map(mul, self._theta, self._runtime.regressors(t_s, x_m, v_m_s, a_m_s2, dt_s)))
         if self._renewed and isfinite(self._force_n - force_n):
             self._sum_n += self._force_n - force_n

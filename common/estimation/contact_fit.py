@@ -124,6 +124,11 @@ class _Block(NamedTuple):
     rows: Array
 
 
+def _motion(causes: Causes, samples: Array) -> Motion:
+    """Motion of samples as a `Fitting` has them."""
+    return replace(Motion.of(*samples[:5]), further=dict(zip(causes.columns, samples[5:], strict=True)))
+
+
 class _Columns:
     """Rows of phi times sqrt(w), cause by cause; a cause is computed only if the shape changes it.
 
@@ -150,7 +155,7 @@ class _Columns:
         self._contact = next((i for i, e in enumerate(effects) if isinstance(e, ContactEffect)), None)
         self._sensors = [e for e in effects if isinstance(e, SensorEffect) and e.linear]
         self._factored = any(isinstance(e, FactorEffect) for e in effects)
-        stage = instrument = Motion.of(*motion)
+        stage = instrument = _motion(causes, motion)
         for effect in effects:
             if isinstance(effect, MotionEffect):
                 instrument = effect.moved(instrument)
@@ -227,7 +232,7 @@ class _Point:
 class Fitting:
     """One fit as a job that owns its arrays; `solve` is pure.
 
-    `samples`: shape (5, n), stamps in s, motion in m, m/s, m/s^2, force in N.
+    `samples`: shape (5 + columns, n), stamps in s, motion in m, m/s, m/s^2, force in N, columns beside.
     """
 
     causes: Causes
@@ -270,9 +275,9 @@ class Fitting:
         """
         if self.before is None or self.searched:
             return False
-        t, *motion, y = self.samples[:, self.samples[0] > self.samples[0, -1] - _RECALLED_S]
-        columns = self.before.model.runtime().columns(Motion.of(t, *motion), sensed=True)
-        off = (y - columns @ np.array(self.before.theta))[t > t[-1] - _RECENT_S]
+        motion = _motion(self.causes, self.samples[:, self.samples[0] > self.samples[0, -1] - _RECALLED_S])
+        columns = self.before.model.runtime().columns(motion, sensed=True)
+        off = (motion.force - columns @ np.array(self.before.theta))[motion.t > motion.t[-1] - _RECENT_S]
         return bool(np.sqrt(np.mean(off**2)) > _CHANGED * self.before.noise_n)
 
     def _refitted(self, pause: Pause) -> Contact | None:

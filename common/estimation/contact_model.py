@@ -106,6 +106,7 @@ class Causes:
     Attributes:
         linear: `cause.parameter` of theta, in the order of the model's regressors.
         names: of all parameters: forces, waves by their amplitude, shape, and the rms of what is left.
+        columns: what the loaded model follows beside the motion.
         forces: of theta: all but the waves, in the order of the names.
         positive: of theta: terms that have one sign only in a passive contact.
         occasional: of theta: terms that take part only if they explain enough.
@@ -115,6 +116,7 @@ class Causes:
 
     def __init__(self, loaded: ContactModel | None = None) -> None:
         self._loaded = LoadedCauses((), {}) if loaded is None else loaded_causes(loaded)
+        self.columns = () if loaded is None else loaded.columns
         # A loaded wall without a contact effect is touched everywhere.
         effects = () if loaded is None else loaded.effects
         kinds = [(entry.effect, effect_class(entry.effect)) for entry in effects]

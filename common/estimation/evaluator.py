@@ -10,6 +10,7 @@ from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
 
+from forefeel.common.causes.motion import NO_COLUMNS, Columns
 from forefeel.common.estimation import bank as banks
 from forefeel.common.estimation import blend as blends
 from forefeel.common.estimation import experts
@@ -159,11 +160,12 @@ class Evaluator:
     `moved_s` and the record.
 
     Attributes:
-        record: of `Evaluation`.
+        record: of `Evaluation`. further: columns beside the motion, by place in its ring.
     """
 
     def __init__(self) -> None:
         self.record = Record(Evaluation)
+        self.further: list[Columns] = [NO_COLUMNS] * RING
         values = self.record.values
         banks.begin(values["bank"])
         forces_.begin(values["forces"])
@@ -178,15 +180,24 @@ class Evaluator:
         self._velocity = StateFilter(_CUTOFF_HZ)
         self._moved_s = -math.inf
 
-    def move(self, t_s: float, position_m: float, stage_m: float, velocity_m_s: float) -> None:
-        """Adds the own motion at stamp `t_s`: setpoint and expected stage position in m, velocity in m/s.
+    def move(
+        self,
+        t_s: float,
+        position_m: float,
+        stage_m: float,
+        velocity_m_s: float,
+        further: Columns = NO_COLUMNS,
+    ) -> None:
+        """Adds the own motion at stamp `t_s`: setpoint and expected stage position in m, velocity in m/s;
+        `further`: the columns that the contact's model follows beside.
 
         Computes the contact's force there, and takes over a new contact of the snapshot. Ignores a motion
         that is not finite or no later than the last. A pause over 0.1 s begins a new piece: what was learned
         stays, the states of the motion (hysteresis, relaxation) do not.
         """
         dt_s = t_s - self._moved_s
-        if not (dt_s > 0.0 and math.isfinite(t_s + position_m + stage_m + velocity_m_s)):
+        motion = t_s + position_m + stage_m + velocity_m_s + sum(further.values())
+        if not (dt_s > 0.0 and math.isfinite(motion)):
             return
         self._moved_s = t_s
         contact = self.snapshot.contact
@@ -205,9 +216,11 @@ class Evaluator:
         stage = (stage_m, v + _LEAD_S * a, a)
         contact_n = taught_n = math.nan
         if dt_s <= GAP_S:
-            contact_n = self._expert.move(t_s, *stage, dt_s)
-            taught_n = self._taught_expert.move(t_s, *stage, dt_s)
+            contact_n = self._expert.move(t_s, *stage, dt_s, further)
+            taught_n = self._taught_expert.move(t_s, *stage, dt_s, further)
         steadily_n = contact_n + self._expert.steps_n
+        if further:
+            self.further[int(self.record.values["bank"]["count"]) % RING] = further
         self._own_motion.pack(t_s, position_m, *stage, contact_n, steadily_n, taught_n)
         self._kernels.evaluator_move(self._address, self._own_motion.address)
 

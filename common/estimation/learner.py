@@ -169,7 +169,7 @@ class Learner:
             self.prior = self._model = None
             self._begin_anew()
             return
-        self._fit.observe(stamp_s, x_m, v_m_s, a_m_s2, force_n)
+        self._fit.observe(stamp_s, x_m, v_m_s, a_m_s2, force_n, self._evaluator.further[place])
         if self._fitting is not None:
             fitting, result = self._fitting
             if stamp_s >= fitting.takes_effect_s and result.done():

@@ -36,6 +36,7 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     model: Annotated[
         Path | None, typer.Option(metavar="FILE", help="model.yaml for the forefeel method.")
     ] = None,
+    axis: Annotated[str | None, typer.Option(metavar="NAME", help="Of an MCAP file with several.")] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace an earlier evaluation in DIR.")] = False,
     time_column: TimeColumn = None,
     position_column: PositionColumn = None,
@@ -43,6 +44,7 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
+    from forefeel.common.model_file import load_model  # noqa: PLC0415
     from forefeel.common.recording.units import Mapping  # noqa: PLC0415 - the help needs none of it
     from forefeel.diagnosis.evaluation.arrivals import DelayedLink  # noqa: PLC0415
     from forefeel.evaluation.run import run_evaluation  # noqa: PLC0415
@@ -50,8 +52,8 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     link = DelayedLink(delay, jitter, loss, seed)
     with output(as_json, quiet):
         columns = Mapping(time_column, position_column, force_column)
-        run_evaluation(files, link, model, columns, out, overwrite)
-        if model:
+        run_evaluation(files, link, model, columns, axis, out, overwrite)
+        if model is None:
+            suggest("diagnose", files[0], axis=axis, out=out, **asdict(columns))
+        elif not load_model(model).columns:  # a loopback has one axis
             suggest("loopback", impairment="paper", master_model=model)
-        else:
-            suggest("diagnose", files[0], out=out, **asdict(columns))

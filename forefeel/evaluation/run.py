@@ -36,6 +36,7 @@ def run_evaluation(
     link: DelayedLink,
     model_file: Path | None,
     columns: Mapping,
+    axis: str | None,
     out: Path | None,
     overwrite: bool,
 ) -> None:
@@ -50,7 +51,7 @@ def run_evaluation(
     folder = out or folder_named_after(files[0])
     with ends_in_order("evaluation", folder) as written:
         model = checked_model(load_model(model_file), str(model_file)) if model_file else None
-        prepared, skipped = _read(files, columns, link)
+        prepared, skipped = _read(files, columns, axis, link, model)
         fresh_folder(folder, (_JSON, _PAGE), "an earlier evaluation", overwrite)
         for entry in prepared.values():
             say(": ".join(filter(None, (entry.recording.source, entry.recording.taken))))
@@ -67,7 +68,7 @@ def run_evaluation(
 
 
 def _read(
-    files: Sequence[Path], columns: Mapping, link: DelayedLink
+    files: Sequence[Path], columns: Mapping, axis: str | None, link: DelayedLink, model: ContactModel | None
 ) -> tuple[dict[str, Prepared], dict[str, str]]:
     """Loads and prepares the recordings; returns them, and the reasons for those that were skipped, both by
     the file's stem. Where nothing is left it prints the reasons but the last, which it raises.
@@ -83,7 +84,7 @@ def _read(
     skipped: dict[Path, RecordingError] = {}
     for path in files:
         try:
-            prepared[path.stem] = prepare(load_recording(path, columns, force=True), link)
+            prepared[path.stem] = prepare(load_recording(path, columns, axis, force=True), link, model)
         except RecordingError as error:
             skipped[path] = error
     if not prepared:

@@ -316,7 +316,11 @@ def next_steps(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]
     if diagnosis.names_causes:
         remedies = [kind.remedy for cause in diagnosis.causes if (kind := cause_class(cause.name)).remedy]
         more = [] if motion is None else [f"for what is left record {_motion(motion)}"]
-        return [*(f"on the bench: {text}" for text in remedies[:1]), *more, *_with_the_model(across)]
+        return [
+            *(f"on the bench: {text}" for text in remedies[:1]),
+            *more,
+            *_with_the_model(diagnosis, across),
+        ]
     if verdict == "nothing_missing":
         return ["nothing to mend; model.yaml holds this simulation for forefeel simulate and loopback"]
     if verdict == "not_driven_by_this_axis":
@@ -340,7 +344,7 @@ def _motion(motion: NextMotion) -> str:
     return f"{motion.words}, at {quantity(motion.low_m, 'm')} to {quantity(motion.high_m, 'm')}"
 
 
-def _with_the_model(across: "Across | str | None") -> list[str]:
+def _with_the_model(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]:
     """Advice on the use of model.yaml; in the master only where it predicts better across a delay."""
     simulated = "load model.yaml where the force is simulated: forefeel simulate, loopback --slave-model"
     if across is None or isinstance(across, str):
@@ -348,9 +352,12 @@ def _with_the_model(across: "Across | str | None") -> list[str]:
     if not better(across):
         alone = "better" if _compared(across) == "worse" else "no worse"
         return [simulated, f"leave model.yaml out of the master: it predicts this motion {alone} alone"]
+    further = [cause.column for cause in diagnosis.causes if cause.column]
     return [
         "use it: prediction: {model: model.yaml} in the settings of forefeel master",
-        "try it first: forefeel loopback --master-model model.yaml",
+        f"its column {further[0]} has to be the name of another axis of the cell"
+        if further
+        else "try it first: forefeel loopback --master-model model.yaml",
     ]
 
 

@@ -4,7 +4,7 @@ from math import inf
 
 from forefeel.common.causes.base import SensorEffect
 from forefeel.common.causes.model import ContactModel, at_conversion
-from forefeel.common.causes.motion import MotionSample
+from forefeel.common.causes.motion import Columns, MotionSample
 from forefeel.common.causes.runtime import ContactRuntime
 from forefeel.common.messages import Grip
 from forefeel.slave.plant.settings import HiddenSettings
@@ -20,6 +20,10 @@ class SwitchedContact:
     def __init__(self, before: ContactRuntime, after: ContactRuntime, from_s: float) -> None:
         self._now, self._after, self._from_s = before, after, from_s
         self.instrument_m = 0.0
+
+    def follow(self, further: Columns) -> None:
+        self._now.follow(further)
+        self._after.follow(further)
 
     def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
         """Steps both contacts by `dt` to time `t`; returns the force in N of the one that holds then, and

@@ -1,6 +1,6 @@
 """The simulated world of one axis: stage, fixture, vessel and load cell on one time grid."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from math import exp, pi
 from random import Random
 
@@ -68,14 +68,16 @@ class SimulatedWorld:
     Attributes:
         start_ns: when its time began; None before the first call.
         observed: whether a stage or a load cell belongs to the world; else its gripper does not integrate it.
+        others: worlds of other axes by name, whose stages the contact follows.
     """
 
     def __init__(self, settings: WorldSettings, seed: int) -> None:
         self.observed = False
+        self.others: Mapping[str, SimulatedWorld] = {}
         self._dt = 1.0 / _RATE_HZ
         self._stage = PlantStage(settings.stage, self._dt)
-        contact, converter = plant_contact(settings.contact, settings.hidden)
-        self._fixture = PlantFixture(contact, settings.fixture.inserted_m, settings.stage.start_m)
+        self._contact, converter = plant_contact(settings.contact, settings.hidden)
+        self._fixture = PlantFixture(self._contact, settings.fixture.inserted_m, settings.stage.start_m)
         self._load_cell = PlantLoadCell(settings.load_cell, seed, converter.sense)
         self.start_ns: int | None = None
         self._steps = 0
@@ -126,6 +128,7 @@ class SimulatedWorld:
         """
         stage, fixture, cell = self._stage.step, self._fixture.step, self._load_cell
         dt, per_conversion = self._dt, _RATE_HZ // _CONVERSION_RATE_HZ
+        self._contact.follow({name: other._stage.position_m for name, other in self.others.items()})
         for step in range(first + 1, last + 1):
             t = step * dt
             x, v, a = stage(t)

@@ -20,7 +20,8 @@ def test_only_the_driver_that_is_named_is_imported() -> None:
     code = (
         "import sys; from forefeel.slave import daemon; from forefeel.slave.settings import SlaveSettings;"
         "from forefeel.common.clock import MonotonicClock;"
-        "daemon._devices(SlaveSettings().axes[0], MonotonicClock());"
+        "axis = SlaveSettings().axes[0];"
+        "daemon._devices(axis, daemon.SimulatedWorld(axis.simulation, 0), MonotonicClock());"
         "print(sorted({'serial', 'can', 'canopen'} & set(sys.modules)),"
         "[name for name in sys.modules if name.startswith('forefeel.devices.') and 'simulated' not in name])"
     )

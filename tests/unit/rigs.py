@@ -209,6 +209,7 @@ class FakePredictor(ForcePrediction):
 
     def __init__(self) -> None:
         self.answer: float | None = 1.0
+        self.stage_m = 0.0
         self.asked = list[tuple[int, float, float]]()
 
     def predict(

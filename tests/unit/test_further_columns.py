@@ -12,10 +12,15 @@ from forefeel.common.causes.column import WithColumn
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.motion import Motion, MotionSample
 from forefeel.common.errors import ConfigurationError, RecordingError
+from forefeel.common.estimation.predictor import Predictor
 from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Column, Recording
 from forefeel.diagnosis.confirmation import confirm
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink
+from forefeel.diagnosis.evaluation.evaluate import prepare
+from forefeel.diagnosis.evaluation.methods import replay
+from forefeel.diagnosis.evaluation.score import completed
 from forefeel.diagnosis.extended_model import extended_model, simulated_n
 from forefeel.results.verdict_text import answer
 from tests.unit.diagnosis_samples import made
@@ -135,3 +140,32 @@ def test_its_model_needs_the_column() -> None:
 def test_a_model_says_which_column_and_only_where_there_is_one(entry: dict[str, str]) -> None:
     with pytest.raises(ValueError, match=r"effects\[0\].column = .*: expected"):
         ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "m", "effects": [entry]})
+
+
+def test_the_predictor_follows_the_column_of_its_model_and_learns_its_size() -> None:
+    sine_n, cosine_n = _WEIGHT_N * np.cos(0.5), _WEIGHT_N * np.sin(0.5)
+    holder = {"sine_n": 0.8 * sine_n, "cosine_n": 0.8 * cosine_n}
+    effects = [
+        {"effect": "mass_damper_spring", "parameters": {"damping_n_s_m": 0.8, "stiffness_n_m": 40.0}},
+        {"effect": "with_column", "column": "roll_rad", "parameters": holder},
+    ]
+    models = [
+        ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "m", "effects": some})
+        for some in (effects, effects[:1])
+    ]
+    rolled, link, error_n, predictors = _with_roll(made(), _WEIGHT_N), DelayedLink(0.3), [], []
+    for model in models:
+        prepared, predictor = prepare(rolled, link, model), Predictor(model)
+        predicted_n = completed(replay(rolled, prepared.arrivals, predictor), prepared.zoh)
+        error_n.append(np.std((predicted_n - prepared.force_n)[prepared.rows]))
+        predictors.append(predictor)
+    assert error_n[0] < 0.1 * error_n[1]
+    learned = predictors[0].learner.learned
+    assert learned is not None
+    values = dict(zip(learned.names, learned.values, strict=True))
+    assert values["with_column.sine_n"] == pytest.approx(sine_n, rel=0.02)
+    assert values["with_column.cosine_n"] == pytest.approx(cosine_n, rel=0.02)
+    with pytest.raises(RecordingError, match="no column 'roll_rad', expected the one that the model follows"):
+        prepare(made(), link, models[0])
+    with pytest.raises(ValueError, match="no 'roll_rad'; expected the columns that the model follows"):
+        Predictor(models[0]).move(0.0, 0.0, {"pitch_rad": 0.0})

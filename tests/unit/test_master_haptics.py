@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forefeel.common.estimation.evaluator import Snapshot, nothing_learned
-from forefeel.common.messages import SafetyState
+from forefeel.common.messages import Grip, SafetyState
 from forefeel.master.handle import HandleReading
 from forefeel.master.haptics import Clutch, HapticInputs, HapticLoop, HapticOutputs, NewestForce
 from forefeel.master.rendering import Rendered
@@ -195,3 +195,22 @@ def test_while_the_clutch_is_closed_the_command_moves_exactly_with_the_handle(
         if not closed and stage_m is not None:
             assert abs(command_m - stage_m) < 1e-12
         before = command_m, handle_m
+
+
+def test_the_stage_is_expected_where_it_follows_and_stays_where_it_was_let_go() -> None:
+    bench = Bench()
+    bench.predictor.stage_m = 0.03
+    expected_m = []
+    for deadman, state, gripper in (
+        (False, S.READY, Grip.CLOSED),
+        (True, S.READY, Grip.CLOSED),
+        (True, S.ARMED, Grip.CLOSED),
+        (False, S.ARMED, Grip.CLOSED),
+        (False, S.READY, Grip.CLOSED),
+        (True, S.ARMED, Grip.OPEN),
+    ):
+        bench.reading = bench.reading._replace(deadman=deadman, gripper=gripper)
+        bench.state = state
+        bench.tick()
+        expected_m.append(bench.loop.stage_m)
+    assert expected_m == [0.02, 0.02, 0.03, 0.03, 0.02, 0.02]

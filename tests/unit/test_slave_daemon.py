@@ -15,7 +15,7 @@ AXES = ("insertion", "rotation")
 def devices(monkeypatch: pytest.MonkeyPatch) -> dict[str, Devices]:
     """Fake devices of both axes of a cell, by axis."""
     fakes = {name: Devices(FakeStage(), FakeGripper(), FakeLoadCell()) for name in AXES}
-    monkeypatch.setattr("forefeel.slave.daemon._devices", lambda axis, _: fakes[axis.name])
+    monkeypatch.setattr("forefeel.slave.daemon._devices", lambda axis, *_: fakes[axis.name])
     return fakes
 
 

@@ -53,13 +53,18 @@ class Evaluated:
     regimes: Mapping[str, RegimeScore]
 
 
-def prepare(recording: Recording, link: DelayedLink) -> Prepared:
+def prepare(recording: Recording, link: DelayedLink, model: ContactModel | None = None) -> Prepared:
     """Computes the arrivals of a recording's forces, replays the zero-order hold, and finds the stamps to
-    score.
+    score. `model`: with which it is to be evaluated.
 
     Raises:
-        RecordingError: no force, shorter than 3 s and the delay, or no force that arrives in time.
+        RecordingError: no force, shorter than 3 s and the delay, no force that arrives in time, or without a
+            column that the model follows.
     """
+    for column in set(model.columns if model else ()) - {column.name for column in recording.further}:
+        raise RecordingError(
+            f"{recording.source}: no column {column!r}, expected the one that the model follows"
+        )
     if recording.force_n is None:
         raise RecordingError(f"{recording.source}: no force, expected a column with the measured force")
     needed_s = SETTLING_S + link.delay_s

@@ -333,13 +333,18 @@ def replay(recording: Recording, arrivals: Arrivals, method: Method) -> MethodTr
         column.tolist() for column in (recording.time_s, recording.position_m, recording.force_n)
     )
     starts = {piece.start for piece in recording.segments()[1:]}
+    followed = method.columns if isinstance(method, Predictor) else ()
+    further = {column.name: column.values.tolist() for column in recording.further if column.name in followed}
     estimates: list[Estimate | None] = []
     for k, batch in enumerate(arrivals.batches()):
         for i in batch:
             method.observe(time_s[i], force_n[i])
         if k in starts:
             method.restart()
-        method.move(time_s[k], position_m[k])
+        if isinstance(method, Predictor):
+            method.move(time_s[k], position_m[k], {name: values[k] for name, values in further.items()})
+        else:
+            method.move(time_s[k], position_m[k])
         estimates.append(method.predict())
     known = [estimate or Estimate(np.nan) for estimate in estimates]
     columns = np.array([estimate[:3] for estimate in known], dtype=np.float64)
