@@ -144,6 +144,7 @@ class Pulsation(PeriodicForce):
 
 
 _CYCLES = 2.0  # from one rate of a course to the next: no heart or breath changes its rate much faster
+PULSATION_HZ = 0.12, 4.0  # of breath and heart
 VARIES, _MOST_VARIES = 0.2, 0.25
 """Standard deviation of a rate over its mean: of one that nothing is known of, and at most."""
 
@@ -226,7 +227,8 @@ class Rhythm(Form):
 
 
 def _lives(_: MotionGrid, rates: Shape) -> bool:
-    return float(np.std(rates)) < _MOST_VARIES * float(np.mean(rates))
+    mean_hz = float(np.mean(rates))
+    return float(np.std(rates)) < _MOST_VARIES * mean_hz and mean_hz < PULSATION_HZ[1]
 
 
 def _rhythm(form: str, size: str, *factors: Callable[[MotionGrid], Array]) -> Rhythm:

@@ -15,14 +15,13 @@ from forefeel.common.causes.candidate import Candidate, Model, Periodic, Positio
 from forefeel.common.causes.catalogue import CANDIDATES, kin
 from forefeel.common.causes.friction import CoulombFriction, PreslidingHysteresis
 from forefeel.common.causes.motion import Motion
-from forefeel.common.causes.periodic import VARIES, PositionMap, Rhythm, step_s
+from forefeel.common.causes.periodic import PULSATION_HZ, VARIES, PositionMap, Rhythm, step_s
 from forefeel.common.causes.unmodelled_resonance import UnmodelledResonance
 from forefeel.common.causes.wall import Stiffening, StressRelaxation
 from forefeel.common.error_size import Floats
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.verdict import Family
 
-PULSATION_HZ = 0.12, 4.0
 _LEAST_CYCLES = 5.0  # of a pulsation: fewer are not told from a force that wanders
 _WIDE, _BAND = 1.1, 0.35  # ratio to which a line that varies is wide; share within which its phase is taken
 _SOME_CYCLES, _MANY_CYCLES = 7.0, 12.0
