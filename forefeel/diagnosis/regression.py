@@ -261,7 +261,8 @@ class RecordingRegression:
             return np.full(len(shapes), -np.inf)
         known, moved = self._blocks(model), frame(model, Changing)
         gram, moment = self._normal(known)
-        scale = np.sqrt(np.diag(gram)) + 1e-300
+        scale = np.sqrt(np.diag(gram))
+        scale[scale == 0.0] = 1.0
         powers, directions = np.linalg.eigh(gram / np.outer(scale, scale))
         used = powers > _DEPENDENT_NORMAL**2
         directions = directions[:, used] / np.sqrt(powers[used]) / scale[:, None]

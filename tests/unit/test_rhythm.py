@@ -95,3 +95,13 @@ def test_a_heart_is_named_by_what_varies(values: dict[str, float], name: str, pa
     assert cause.name == name and diagnosis.held_out.gain > 0.8
     assert cause.parameters["frequency_hz"].value == pytest.approx(1.13, rel=0.01)
     assert cause.parameters[parameter].value == pytest.approx(values[parameter], rel=0.1)
+
+
+def test_what_is_quicker_or_less_even_than_a_heart_is_no_rhythm() -> None:
+    recording = _recorded()
+    regression = conditioned(recording, clean(recording))
+    rhythm, motion = CANDIDATES["varying_pulsation"], regression.motion({})
+    assert isinstance(rhythm, Rhythm)
+    assert [rhythm.happens(motion, rates) for rates in (_COURSE, (4.5, 4.4, 4.6), (0.5, 1.5, 0.4))] == [
+        True, False, False,
+    ]  # fmt: skip
