@@ -8,7 +8,7 @@ import numpy as np
 
 from forefeel.common.causes.candidate import base_name
 from forefeel.common.causes.catalogue import CANDIDATES, cause_class, no_rivals
-from forefeel.common.causes.periodic import Pulsation, Rhythm
+from forefeel.common.causes.periodic import PositionMap, Pulsation, Rhythm
 from forefeel.common.causes.registry import effect_class
 from forefeel.common.causes.sensor import SensorLag, SensorQuantisation
 from forefeel.common.causes.unmodelled_resonance import MOST_DAMPED
@@ -61,6 +61,8 @@ _MUCH_LEFT = 0.2
 _KNOWN_SLOPE = 1.0  # of noise: a steeper one is bounded from above only
 _STROKES = 4  # reversals on each side of a change,
 _NEARLY_ALL = 0.9  # or the lower end of its held-out gain
+_REPEATED, _AGAIN = (PositionMap.name, "sensor_drift:creep", "sensor_drift:wave"), 2
+"""What any course over one way in and out is, so that it needs two reversals in each half of a recording."""
 # lower end of the held-out gain that a cause needs beside structure that has no name, or a second friction
 _CLEAR_GAIN = 0.1
 _ROUNDED = 2.0
@@ -285,7 +287,8 @@ class Judge:
 
     def _rival_groups(self) -> tuple[tuple[str, ...], ...]:
         """Groups (cause, up to two rivals), one for each cause of the fit that has rivals: causes outside the
-        model whose score in its place is as good or less than 6 worse; none of the same part of the bench.
+        model whose score in its place is as good or less than 6 worse, and which take its place: beside them
+        it gains less than half of what it does. None of the same part of the bench.
         """
         taken = {base_name(name) for name in self.fit.model}
         groups = []
@@ -295,9 +298,15 @@ class Judge:
                 for other, trial in self._replacements(name, taken | no_rivals(name))
                 if trial.score < self.fit.score + _RIVAL
                 and not (name == "bias" and CANDIDATES[other].costly)  # it may hold a constant itself
+                and self._takes_place(trial, name)
             ]
             groups += _group(name, rivals)
         return tuple(groups)
+
+    def _takes_place(self, trial: ModelFit, name: str) -> bool:
+        """True if a fit without a cause of the model explains what that cause does."""
+        both = self.search.fit({**trial.model, name: self.fit.model[name]})
+        return trial.score - both.score < 0.5 * (self.without[name][0].score - self.fit.score)
 
     def _rivals_of_a_line(self) -> tuple[tuple[str, ...], ...]:
         """Group of the largest cause and up to two causes that predict held-out blocks as well in its place,
@@ -384,9 +393,12 @@ class Judge:
         rounded_n = np.hypot(held_out.rmse_after_n, _ROUNDED * self._rounding_n)
         if held_out.gain_low <= least or held_out.rmse_before_n < rounded_n:
             return True
-        seldom = name == "stiffness_change:rest" and not self._moved_around(self.fit.model[name][0])
+        seldom = name == "stiffness_change:rest" and not self._moved_around(self.fit.model[name][0], _STROKES)
         rhythm = isinstance(CANDIDATES[name], Rhythm)
         if (seldom and held_out.gain_low < _NEARLY_ALL) or (rhythm and self._imitates_the_motion(name)):
+            return True
+        t = self.regression.signals.t
+        if name in _REPEATED and not self._moved_around(0.5 * float(t[0] + t[-1]), _AGAIN):
             return True
         parameters = self.parameters[base_name(name)]
         ratio = parameters.get("ratio")  # of two stiffnesses
@@ -412,14 +424,14 @@ class Judge:
         rest = {other: shape for other, shape in self.fit.model.items() if other != name}
         return self._left_over.gain_beside_motion(self.search.fit(rest)) < _BESIDE_MOTION
 
-    def _moved_around(self, instant_s: float) -> bool:
-        """True if at least four reversals lie before and after an instant: of fewer, two stiffnesses and two
+    def _moved_around(self, instant_s: float, least: int) -> bool:
+        """True if at least so many reversals lie before and after an instant: of few, two stiffnesses and two
         levels describe a hysteresis, too, though never nearly all of it.
         """
         signals = self.regression.signals
         inside = signals.recorded
         after = signals.fine_t[inside] > instant_s
-        return all(turns(signals.fine_x[inside][part]) >= _STROKES for part in (after, ~after))
+        return all(turns(signals.fine_x[inside][part]) >= least for part in (after, ~after))
 
     @cached_property
     def without(self) -> dict[str, tuple[ModelFit, HeldOut]]:
