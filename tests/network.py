@@ -46,12 +46,16 @@ class Traffic:
     def _record(self, key: str, payload: bytes, receive_ns: int) -> None:
         self.payloads.append((key.removeprefix(direct("")), payload, receive_ns))
 
-    def messages(self, topic: Topic[M], axis: str = AXIS) -> list[M]:
+    def encoded(self, topic: Topic[Any], axis: str = AXIS) -> list[bytes]:
+        """Payloads of the topic; the list grows with the traffic."""
         for key, payload, _ in self.payloads[self._sorted :]:
             if (parsed := parse_key(key)) is not None:
                 self._of_key[parsed[1], parsed[2].name].append(payload)
         self._sorted = len(self.payloads)
-        encoded, decoded = self._of_key[axis, topic.name], self._decoded[axis, topic.name]
+        return self._of_key[axis, topic.name]
+
+    def messages(self, topic: Topic[M], axis: str = AXIS) -> list[M]:
+        encoded, decoded = self.encoded(topic, axis), self._decoded[axis, topic.name]
         decoded += [decode(topic.message, payload) for payload in encoded[len(decoded) :]]
         return list(decoded)
 

@@ -20,7 +20,6 @@ from forefeel.common.topics import (
     Topic,
 )
 from tests.messages import usual
-from tests.network import AXIS
 from tests.simulation.attack_outcome import Expected, Outcome
 from tests.simulation.pair import OVERSHOOT, Pair, S
 
@@ -59,11 +58,11 @@ class Scene:
     @property
     def sequence(self) -> int:
         """Number of the newest command on the wire."""
-        return decode(MotionCommand, self.recorded(COMMAND)[-1]).sequence
+        return decode(MotionCommand, self.pair.traffic.encoded(COMMAND)[-1]).sequence
 
     def recorded(self, topic: Topic[Any]) -> list[bytes]:
         """Payloads of that topic so far."""
-        return [payload for key, payload, _ in self.pair.traffic.payloads if key == topic.key("cell", AXIS)]
+        return list(self.pair.traffic.encoded(topic))
 
     def say(self, topic: Topic[Any], **fields: Any) -> bytes:  # noqa: ANN401 - any field
         """A message of the stranger, of the session and stamped now unless `fields` say else; its bytes."""
@@ -83,7 +82,7 @@ class Scene:
 
     def echo_ns(self) -> int:
         """The slave's newest stamp, as anyone reads it from the wire."""
-        return decode(Heartbeat, self.recorded(SLAVE_HEARTBEAT)[-1]).stamp_ns
+        return decode(Heartbeat, self.pair.traffic.encoded(SLAVE_HEARTBEAT)[-1]).stamp_ns
 
     def each_ms(self, duration_s: float, act: Callable[[], None]) -> None:
         """Does it once a millisecond."""

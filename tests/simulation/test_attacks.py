@@ -158,7 +158,7 @@ def flood_of_handshakes(name: str) -> Outcome:
     kept = scene.state
     scene.kill_master()
     scene.pair.start_master()
-    scene.each_ms(3.5, shakes)
+    scene.each_ms(2.8, shakes)
     outcome = scene.end(Expected("handshakes_refused", 1000, armed=0.1))
     outcome.require(kept == "armed", "the session did not outlive the first half second")
     return outcome
@@ -339,7 +339,7 @@ def lying_clock(shift_s: float, name: str) -> Outcome:
     first = scene.sequence + 50
     for i in range(200):
         scene.command(session_id=session_id, sequence=first + i, stamp_ns=old_ns + i * MS)
-    scene.run(_REARMED_S)
+    scene.run(2.0)  # a session that were lost would be so after the lease of 1 s
     outcome = scene.end(Expected("refused_late", 200))
     outcome.require(outcome.counters["heartbeats_refused"] >= 20, f"{outcome}")
     return outcome
