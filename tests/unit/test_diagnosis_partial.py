@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.analysis import analyse
 from forefeel.diagnosis.diagnose import diagnose
-from forefeel.diagnosis.judge import Judge
+from forefeel.diagnosis.judge import Judge, judged
 from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.results.verdict_text import answer
 from tests.unit.evaluation_samples import Floats
@@ -88,4 +89,6 @@ def test_a_bias_that_is_dropped_stays_open_to_what_is_searched_for_later(
     t, x, v = strokes(8.0)
     doubts = iter(["bias", "coulomb_friction"])
     monkeypatch.setattr(Judge, "doubted", lambda _: next(doubts, None))
-    assert "bias" in diagnose(recorded(t, x, 0.5 + 0.12 * np.sign(v))).analysis.search.names
+    both = analyse(recorded(t, x, 0.5 + 0.12 * np.sign(v)), names=["bias", "coulomb_friction"])
+    assert set(both.fit.model) == {"bias", "coulomb_friction"}
+    assert "bias" in judged(both)[1].search.names

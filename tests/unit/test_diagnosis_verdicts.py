@@ -16,7 +16,8 @@ from forefeel.diagnosis.extended_model import extended_model
 from forefeel.diagnosis.search import Search
 from forefeel.diagnosis.sensor_faults import clean
 
-RATE_HZ, SECONDS = 500.0, 12.0
+RATE_HZ, SECONDS = 250.0, 12.0
+FINE_HZ = 500.0  # where an instant or a jump decides
 
 
 def motion(rate_hz: float = RATE_HZ) -> tuple[Floats, Floats, Floats, Floats]:
@@ -82,13 +83,14 @@ _ROOM = {**effect("pulsation", amplitude_n=0.03, frequency_hz=0.1), "site": "sen
 def test_what_remembers_is_named_with_its_numbers_and_again_by_its_model(
     name: str, effects: tuple[dict[str, object], ...], parameters: dict[str, float]
 ) -> None:
-    recording = recorded(*effects, effect(name, **parameters))
+    rate_hz = FINE_HZ if name == "yielding_wall" else RATE_HZ
+    recording = recorded(*effects, effect(name, **parameters), rate_hz=rate_hz)
     found = diagnose(recording)
     (cause,) = (each for each in found.diagnosis.causes if each.name != "bias")
     assert cause.name == name
     fitted = {key: cause.parameters[key].value for key in parameters}
     assert fitted == pytest.approx(parameters, rel=0.03, abs=6e-4)
-    made = extended_model(found.analysis, "made").runtime().forces_n(Motion.of(*motion()))
+    made = extended_model(found.analysis, "made").runtime().forces_n(Motion.of(*motion(rate_hz)))
     assert recording.force_n is not None
     assert np.sqrt(np.mean((made - recording.force_n)[200:-200] ** 2)) < 6e-3
 
@@ -130,7 +132,7 @@ def test_what_gives_way_is_fitted_by_the_force_that_would_be_there_without(
 ) -> None:
     """Also where the cell shows the reaction; what is fitted, as a model.yaml, gives the force."""
     name, zero_n = form.partition(":")[0], shape[2] if len(shape) > 2 else 0.0
-    tared = recorded(body(0.03, 0.0, 0.0, "sensor"), body(0.0), effect(name, **parameters))
+    tared = recorded(body(0.03, 0.0, 0.0, "sensor"), body(0.0), effect(name, **parameters), rate_hz=FINE_HZ)
     assert tared.force_n is not None
     read_n = sense * (tared.force_n + zero_n)
     recording = replace(tared, force_n=read_n)
@@ -142,7 +144,7 @@ def test_what_gives_way_is_fitted_by_the_force_that_would_be_there_without(
     assert fit.feasible and after < 0.25 * before
     assert sense * fit.coefficients[2] == pytest.approx(25.0, rel=0.15)
     found = Analysis(cleaned, regression, Search(regression, []), plain, fit, recording, None)
-    said = sense * extended_model(found, "made").runtime().forces_n(Motion.of(*motion()))
+    said = sense * extended_model(found, "made").runtime().forces_n(Motion.of(*motion(FINE_HZ)))
     assert np.std((said - read_n)[200:-200]) < 0.3 * before
     unmeasured = regression.like(regression.signals, fit)
     assert np.std(unmeasured.predicted(fit) - regression.predicted(fit)) < 0.5 * before
@@ -157,7 +159,7 @@ def test_without_a_cause_only_the_noise_decides_what_is_said() -> None:
 
 def test_a_spring_beside_a_slow_force_of_its_own_is_given_no_delay() -> None:
     """The force wanders with the position, as where a hand holds both; the search bends the spring for it."""
-    rng, t = np.random.default_rng(0), np.arange(3000) / 100.0
+    rng, t = np.random.default_rng(0), np.arange(2000) / 100.0
     quick = np.interp(t, np.arange(0.0, 62.0, 2.0), rng.standard_normal(31))
     size = np.interp(t, np.arange(0.0, 61.0, 3.0), rng.standard_normal(21))
     walk = np.interp(t, np.arange(0.0, 62.0, 2.0), np.cumsum(rng.standard_normal(31)))
