@@ -22,7 +22,7 @@ from forefeel.common.causes.registry import OWN
 
 Array = NDArray[np.float64]
 
-quick = settings(deadline=None, max_examples=100, derandomize=True)
+quick = settings(deadline=None, max_examples=40, derandomize=True)
 seeds = st.integers(0, 2**32 - 1)
 
 
