@@ -60,7 +60,8 @@ def test_lone_stamps_ahead_are_counted_and_cost_the_hand_nothing() -> None:
         pair.run(0.2)
     pair.run(END_S - CONTACT_S - 0.2 * len(AHEAD))
     assert felt(pair.traffic.messages(HAPTICS)) == felt(undisturbed())
-    master, slave = (pair.traffic.messages(topic)[-1].counters for topic in (MASTER_STATE, SLAVE_STATE))
+    master = pair.traffic.messages(MASTER_STATE)[-1].counters
+    slave = pair.traffic.messages(SLAVE_STATE)[-1].counters
     assert (master["forces_ahead"], master["states_ahead"], master["heartbeats_refused"]) == (3, 1, 1)
     assert slave["heartbeats_refused"] == 1
 
