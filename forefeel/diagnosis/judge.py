@@ -384,8 +384,8 @@ class Judge:
         takes what the first one's course leaves, 10 %; no more than the encoder's steps make; or its
         intervals tell nothing: all sizes may be 0 or are wider than 20 times the value, a ratio may be 1, a
         frequency may be 0, a mode may have no damping or no peak, or an end is infinite. Also for a change of
-        stiffness at rest with few reversals beside it that gains below 90 %, and for a rhythm that gains less
-        than 20 % beside a function of the motion.
+        stiffness at rest with few reversals beside it that gains below 90 %, for what has to come again where
+        the motion does not, and for a rhythm that gains less than 20 % beside a function of the motion.
         """
         _, held_out = self.without[name]
         rubs = [other for other in self.fit.model if cause_class(other).rubs]
@@ -394,11 +394,10 @@ class Judge:
         if held_out.gain_low <= least or held_out.rmse_before_n < rounded_n:
             return True
         seldom = name == "stiffness_change:rest" and not self._moved_around(self.fit.model[name][0], _STROKES)
-        rhythm = isinstance(CANDIDATES[name], Rhythm)
-        if (seldom and held_out.gain_low < _NEARLY_ALL) or (rhythm and self._imitates_the_motion(name)):
-            return True
         t = self.regression.signals.t
-        if name in _REPEATED and not self._moved_around(0.5 * float(t[0] + t[-1]), _AGAIN):
+        once = name in _REPEATED and not self._moved_around(0.5 * float(t[0] + t[-1]), _AGAIN)
+        imitates = isinstance(CANDIDATES[name], Rhythm) and self._imitates_the_motion(name)
+        if once or imitates or (seldom and held_out.gain_low < _NEARLY_ALL):
             return True
         parameters = self.parameters[base_name(name)]
         ratio = parameters.get("ratio")  # of two stiffnesses
