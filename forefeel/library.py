@@ -286,11 +286,8 @@ def evaluate(
     Raises:
         RecordingError: no force, or too short.
     """
-    given, link = (
-        None if model is None else load_model(Path(model)),
-        DelayedLink(delay_s, jitter_s, loss, seed),
-    )
-    prepared = prepare(_recording(recording, force=True), link, given)
+    given = None if model is None else load_model(Path(model))
+    prepared = prepare(_recording(recording, force=True), DelayedLink(delay_s, jitter_s, loss, seed), given)
     details = _evaluate(prepared, given)
     return Evaluation(delay_s, {name: score.size.rms_n for name, score in details.scores.items()}, details)
 

@@ -44,7 +44,6 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
-    from forefeel.common.model_file import load_model  # noqa: PLC0415
     from forefeel.common.recording.units import Mapping  # noqa: PLC0415 - the help needs none of it
     from forefeel.diagnosis.evaluation.arrivals import DelayedLink  # noqa: PLC0415
     from forefeel.evaluation.run import run_evaluation  # noqa: PLC0415
@@ -52,8 +51,8 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     link = DelayedLink(delay, jitter, loss, seed)
     with output(as_json, quiet):
         columns = Mapping(time_column, position_column, force_column)
-        run_evaluation(files, link, model, columns, axis, out, overwrite)
-        if model is None:
+        loaded = run_evaluation(files, link, model, columns, axis, out, overwrite)
+        if loaded is None:
             suggest("diagnose", files[0], axis=axis, out=out, **asdict(columns))
-        elif not load_model(model).columns:  # a loopback has one axis
+        elif not loaded.columns:  # a loopback has one axis
             suggest("loopback", impairment="paper", master_model=model)

@@ -293,20 +293,16 @@ class Judge:
         taken = {base_name(name) for name in self.fit.model}
         groups = []
         for name in self._causes_of_model or self.fit.model:  # what a bias may be instead hides no cause
+            shape, half = self.fit.model[name], 0.5 * (self.without[name][0].score - self.fit.score)
             rivals = [
                 (trial.score, base_name(other))
                 for other, trial in self._replacements(name, taken | no_rivals(name))
                 if trial.score < self.fit.score + _RIVAL
                 and not (name == "bias" and CANDIDATES[other].costly)  # it may hold a constant itself
-                and self._takes_place(trial, name)
+                and trial.score - self.search.fit({**trial.model, name: shape}).score < half
             ]
             groups += _group(name, rivals)
         return tuple(groups)
-
-    def _takes_place(self, trial: ModelFit, name: str) -> bool:
-        """True if a fit without a cause of the model explains what that cause does."""
-        both = self.search.fit({**trial.model, name: self.fit.model[name]})
-        return trial.score - both.score < 0.5 * (self.without[name][0].score - self.fit.score)
 
     def _rivals_of_a_line(self) -> tuple[tuple[str, ...], ...]:
         """Group of the largest cause and up to two causes that predict held-out blocks as well in its place,

@@ -5,7 +5,7 @@ their shape parameters; mass, damping and stiffness always take part.
 """
 
 from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import TypeVar
@@ -64,12 +64,17 @@ def solve(design: Floats, target: Floats) -> tuple[Floats, float]:
     return np.linalg.solve(r, along) / scale, float(rest @ rest)
 
 
+def _scale(gram: Floats) -> Floats:
+    """Sizes of the columns of a Gram matrix, 1 of one that is zero."""
+    sizes = np.sqrt(np.diag(gram))
+    return np.where(sizes == 0.0, 1.0, sizes)
+
+
 def solve_normal(gram: Floats, moment: Floats) -> tuple[Floats, float]:
     """Normal equations: (coefficients, explained sum of squares); later dependent columns get zero."""
     if not len(moment):
         return np.empty(0), 0.0
-    scale = np.sqrt(np.diag(gram))
-    scale[scale == 0.0] = 1.0
+    scale = _scale(gram)
     factor, stopped = dpotrf(gram / np.outer(scale, scale), lower=1)
     diagonal = np.diag(factor)[: stopped - 1] if stopped else np.diag(factor)
     if stopped or diagonal.min(initial=1.0) < _DEPENDENT_NORMAL:
@@ -124,10 +129,8 @@ _LEAST_SIDE = 0.03  # of the samples, on each side of a play
 _NEAR_ZERO = 0.1  # of the range of the force, by which its zero may be off: where it is small
 _MOST_PRODUCTS = 100_000
 _SLACK = 1.0  # of a score, for coefficients that are left out because they depend on others
-_CANCELLED, _UNSURE = (
-    1e-9,
-    1e-6,
-)  # of the target's power: less can not, or not well, be told by inner products
+# of the target's power: less can not, or not well, be told by inner products
+_CANCELLED, _UNSURE = 1e-9, 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -253,30 +256,32 @@ class RecordingRegression:
         penalty, feasible = penalty_of(owners, model, n), self._feasible(model, owners, coefficients)
         return ModelFit(model, coefficients, owners, max(rss, 1e-300), n, penalty, feasible)
 
-    def lowest_scores(self, model: Model, name: str, shapes: Sequence[Shape]) -> Floats:
-        """Scores from below of the model with one more cause at each of these shapes: what is left where all
-        coefficients may have any sign. -inf where the cause changes the columns of others.
+    def lowest_scores(self, model: Model, tried: Mapping[str, Sequence[Shape]]) -> dict[str, Floats]:
+        """Scores from below of the model with one more of these causes, at each of its shapes: what is left
+        where all coefficients may have any sign. -inf where the cause changes the columns of others.
         """
-        if isinstance(CANDIDATES[name], Changing) or not shapes:
-            return np.full(len(shapes), -np.inf)
-        known, moved = self._blocks(model), frame(model, Changing)
+        known, moved, n = self._blocks(model), frame(model, Changing), len(self.target)
         gram, moment = self._normal(known)
-        scale = np.sqrt(np.diag(gram))
-        scale[scale == 0.0] = 1.0
+        scale = _scale(gram)
         powers, directions = np.linalg.eigh(gram / np.outer(scale, scale))
         used = powers > _DEPENDENT_NORMAL**2
         directions = directions[:, used] / np.sqrt(powers[used]) / scale[:, None]
         explained = directions.T @ moment
-        new = [self._white_block(model, moved, name, shape) for shape in shapes]
-        across = np.array([directions.T @ np.vstack([self._product(a, b) for a in known]) for b in new])
-        inner = np.array([self._product(b, b) for b in new]) - np.swapaxes(across, 1, 2) @ across
-        along = np.array([block.moment for block in new]) - explained @ across
-        gained = np.einsum("si,sij,sj->s", along, np.linalg.pinv(inner, 1e-9, hermitian=True), along)
-        left = self._power - float(explained @ explained) - gained
-        n, owners = len(self.target), ("",) * (len(moment) + new[0].columns.shape[1])
-        penalty = [penalty_of(owners, {**model, name: shape}, n) for shape in shapes]
-        bounds = n * np.log(np.maximum(left, 1e-300) / n) + penalty - _SLACK
-        return np.where(left < _UNSURE * self._power, -np.inf, bounds)
+        bounds = {name: np.full(len(shapes), -np.inf) for name, shapes in tried.items()}
+        for name, shapes in tried.items():
+            if isinstance(CANDIDATES[name], Changing) or not shapes:
+                continue
+            new = [self._white_block(model, moved, name, shape) for shape in shapes]
+            across = np.array([directions.T @ np.vstack([self._product(a, b) for a in known]) for b in new])
+            inner = np.array([self._product(b, b) for b in new]) - np.swapaxes(across, 1, 2) @ across
+            along = np.array([block.moment for block in new]) - explained @ across
+            gained = np.einsum("si,sij,sj->s", along, np.linalg.pinv(inner, 1e-9, hermitian=True), along)
+            left = self._power - float(explained @ explained) - gained
+            owners = ("",) * (len(moment) + new[0].columns.shape[1])
+            penalty = [penalty_of(owners, {**model, name: shape}, n) for shape in shapes]
+            scores = n * np.log(np.maximum(left, 1e-300) / n) + penalty - _SLACK
+            bounds[name] = np.where(left < _UNSURE * self._power, -np.inf, scores)
+        return bounds
 
     def design(self, model: Model) -> Floats:
         """Whitened columns that count."""

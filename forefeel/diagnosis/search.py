@@ -470,7 +470,7 @@ class Search(Refiner):
         """
         scans: list[ModelFit] = []
         shapes = {name: self._shapes(fit, name) for name in names}
-        bounds = {name: self.regression.lowest_scores(fit.model, name, shapes[name]) for name in shapes}
+        bounds = self.regression.lowest_scores(fit.model, shapes)
         for name in sorted(shapes, key=lambda name: float(np.min(bounds[name], initial=np.inf))):
             scan = self._scan(fit, name, shapes[name], bounds[name], near)
             if scan is not None and not self._hides(scan, fit):

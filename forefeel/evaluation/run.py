@@ -39,10 +39,10 @@ def run_evaluation(
     axis: str | None,
     out: Path | None,
     overwrite: bool,
-) -> None:
+) -> ContactModel | None:
     """Replays the recordings across the link through every method, writes evaluation.json and evaluation.html
     into `out`, or a folder named after the first file, and prints the tables; files that can not be used are
-    skipped.
+    skipped. Returns the model of `model_file`.
 
     Raises:
         InputError: the options can not be fulfilled, or no file can be evaluated; nothing was written.
@@ -65,6 +65,7 @@ def run_evaluation(
             lines = list(in_words(link, stated, evaluated))
         write_all(folder, {_JSON: document, _PAGE: page}, written)
     answer(*lines, f"{_PAGE}, {_JSON} in {folder}", document=lambda: document)
+    return model
 
 
 def _read(

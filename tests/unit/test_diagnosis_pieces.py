@@ -140,7 +140,8 @@ def test_no_fit_scores_lower_than_its_bound_and_one_of_right_signs_as_low(model:
         if not isinstance(candidate, Form | Mode) or name in model:
             continue
         shapes = candidate.grid(regression.extent)[:20]
-        for shape, bound in zip(shapes, regression.lowest_scores(model, name, shapes), strict=True):
+        bounds = regression.lowest_scores(model, {name: shapes})[name]
+        for shape, bound in zip(shapes, bounds, strict=True):
             above = regression.fit({**model, name: shape}).score - bound
             assert above > 0.0, (name, shape)
             nearest.append(above)

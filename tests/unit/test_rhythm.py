@@ -13,6 +13,7 @@ from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import conditioned
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.sensor_faults import clean
+from tests.hidden_effects.guidewire import draw
 
 _COURSE = (1.1, 1.25, 1.3, 1.2, 1.0, 1.15, 1.2, 1.25)
 
@@ -95,6 +96,13 @@ def test_a_heart_is_named_by_what_varies(values: dict[str, float], name: str, pa
     assert cause.name == name and diagnosis.held_out.gain > 0.8
     assert cause.parameters["frequency_hz"].value == pytest.approx(1.13, rel=0.01)
     assert cause.parameters[parameter].value == pytest.approx(values[parameter], rel=0.1)
+
+
+def test_what_follows_the_motion_has_no_heart() -> None:
+    """A friction that wanders, to whose strokes a phase of their own is found all the same."""
+    recorded = draw("outside", 1000)
+    recording = Recording("made", recorded.time_s, recorded.position, recorded.force, source="made.csv")
+    assert "varying_pulsation" not in diagnose(recording).diagnosis.suspected
 
 
 def test_what_is_quicker_or_less_even_than_a_heart_is_no_rhythm() -> None:

@@ -61,9 +61,10 @@ def prepare(recording: Recording, link: DelayedLink, model: ContactModel | None 
         RecordingError: no force, shorter than 3 s and the delay, no force that arrives in time, or without a
             column that the model follows.
     """
-    for column in set(model.columns if model else ()) - {column.name for column in recording.further}:
+    there = {column.name for column in recording.further}
+    if missing := [name for name in (model.columns if model else ()) if name not in there]:
         raise RecordingError(
-            f"{recording.source}: no column {column!r}, expected the one that the model follows"
+            f"{recording.source}: no column {missing[0]!r}, expected the one that the model follows"
         )
     if recording.force_n is None:
         raise RecordingError(f"{recording.source}: no force, expected a column with the measured force")
