@@ -84,8 +84,8 @@ class CoulombFriction(_AlongDirection):
             grid=breakaways_m, costly=True,
         ),
         Form(
-            form="smooth", coefficients=("force_n",), mix=((1, 1),), shapes=("transition_speed_m_s",), signs=(1,),
-            grid=_transitions, costly=True,
+            form="smooth", coefficients=("force_n",), mix=((1, 1),), shapes=("transition_speed_m_s",),
+            signs=(1,), grid=_transitions, costly=True,
         ),
     )  # fmt: skip
 
