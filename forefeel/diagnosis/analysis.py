@@ -73,9 +73,9 @@ class Analysis:
         """Returns an analysis whose search went on without cause `name` in all its forms; of a form with a
         plainer one only that form is barred, and the plainer one is tried first.
 
-        A cause that takes its place, but for another friction in place of one, must fit within `ADD` of the
-        fit before, penalties aside. One that does not describes something that has no name here: it is barred
-        too, and the search repeated.
+        A cause that takes its place must fit within `ADD` of the fit before, penalties aside, but for one
+        that says the same with fewer numbers. One that does not describes something that has no name here: it
+        is barred too, and the search repeated.
         """
         rest: Model = {other: shape for other, shape in self.fit.model.items() if other != name}
         form = CANDIDATES[name].plainer
@@ -84,7 +84,9 @@ class Analysis:
             plainer = form_name(base_name(name), form)
             refused, one = {name}, self.search.best_with(self.search.fit(rest), plainer)
         rest = rest if one is None else one.model
-        known = {base_name(other) for other in rest} | {"bias"} | no_rivals(name)
+        same, numbers = no_rivals(name), len(CANDIDATES[name].signs)
+        simpler = (n for n, c in CANDIDATES.items() if base_name(n) in same and len(c.signs) < numbers)
+        known = {base_name(other) for other in (*rest, *simpler, "bias")}
         while True:
             allowed = [other for other in self.search.names if not {other, base_name(other)} & refused]
             search = Search(self.regression, allowed, self.search.noise_n)
