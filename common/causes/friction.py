@@ -44,8 +44,16 @@ def _by_direction(fitted: Fitted) -> Values:
     return {"force_n": 0.5 * (forward_n + backward_n), "forward_n": forward_n, "backward_n": backward_n}
 
 
+def _transitions(extent: Extent) -> list[Shape]:
+    return log_grid(max(2e-3 * extent.speed_m_s, 4.0 * extent.speed_band), 0.2 * extent.speed_m_s, 6)
+
+
 class CoulombFriction(_AlongDirection):
-    """`f = forward_n` while inserting, `-backward_n` while retracting; `force_n` sets both."""
+    """`f = forward_n` while inserting, `-backward_n` while retracting; `force_n` sets both.
+
+    With a transition speed, and without a breakaway distance, the direction is `tanh(v / v_t)`: lubricated
+    friction, and that of most simulators.
+    """
 
     name = "coulomb_friction"
     site = "shaft"
@@ -53,6 +61,7 @@ class CoulombFriction(_AlongDirection):
         Parameter("forward_n", "N", 0.0, 0.0, 1e4),
         Parameter("backward_n", "N", 0.0, 0.0, 1e4),
         BREAKAWAY,
+        Parameter("transition_speed_m_s", "m/s", 0.0, 0.0, 1e5, linear=False),
     )
     shorthands = {"force_n": ("forward_n", "backward_n")}  # noqa: RUF012 - a ClassVar of the base
     picture = "speed"
@@ -63,6 +72,7 @@ class CoulombFriction(_AlongDirection):
     words = "dry friction"
     equation = (
         "{force_n} s; ds = dx/{breakaway_m} within -1 to 1",
+        "{force_n} tanh(x'/{transition_speed_m_s})",
         "{forward_n} [x' > 0] - {backward_n} [x' < 0]",
         "{force_n} sgn(x')",
     )
@@ -73,11 +83,21 @@ class CoulombFriction(_AlongDirection):
             form="elastic", coefficients=("force_n",), mix=((1, 1),), shapes=("breakaway_m",), signs=(1,),
             grid=breakaways_m, costly=True,
         ),
+        Form(
+            form="smooth", coefficients=("force_n",), mix=((1, 1),), shapes=("transition_speed_m_s",),
+            signs=(1,), grid=_transitions, costly=True,
+        ),
     )  # fmt: skip
 
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:
         s = self.direction(m)
         return m.positive(s), m.negative(s)
+
+    def direction(self, m: Kinematics) -> Value:
+        speed_m_s = self.values["transition_speed_m_s"]
+        if speed_m_s <= 0.0 or self.remembers:
+            return super().direction(m)
+        return m.tanh(m.v / speed_m_s)
 
 
 def _speeds(extent: Extent) -> list[Shape]:

@@ -47,6 +47,7 @@ class MotionSample:
     expm1 = math.expm1
     sin = math.sin
     cos = math.cos
+    tanh = math.tanh
     rint = round
     through = operator.call
     """Output of a memory, given by its `step`, after these inputs."""
@@ -119,6 +120,7 @@ class Motion:
     expm1 = staticmethod(np.expm1)
     sin = staticmethod(np.sin)
     cos = staticmethod(np.cos)
+    tanh = staticmethod(np.tanh)
     rint = staticmethod(np.rint)
     clip = staticmethod(np.clip)
 

@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 
 from forefeel.common.causes.candidate import Model, base_name, form_name
-from forefeel.common.causes.catalogue import CANDIDATES, cause_class
-from forefeel.common.causes.sensor import SensorQuantisation, SensorSpikes
+from forefeel.common.causes.catalogue import CANDIDATES, cause_class, no_rivals
+from forefeel.common.causes.sensor import SensorQuantisation
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
@@ -25,9 +25,6 @@ _ROUNDS = 3
 _NARROWER = 0.7
 _TRIALS = 40
 _LEAST_ROWS = 50  # of the regression, several for each coefficient of the largest model
-_STILL = 0.05  # of the stage's step: an instrument that moves apart from it by less is carried
-_IMPACT_S = 0.06  # s around the end of a play, in which it rings
-_MOST_SPIKES = 0.6  # of the spikes
 _SLOW_CORNER_HZ = 0.3  # Hz, of noise that is coloured above the motion: slower is taken for structure
 
 
@@ -45,17 +42,9 @@ class Analysis:
 
     @property
     def faults(self) -> tuple[Cause, ...]:
-        """Faults of `cleaned` but for spikes that are impacts at the end of a play (`_are_impacts`) and a
-        quantisation whose error is below 0.4 of the residual's rms.
-        """
-        retained = []
-        for fault in self.cleaned.faults:
-            if fault.name == SensorSpikes.name and _are_impacts(self):
-                continue
-            if fault.name == SensorQuantisation.name and fault.explained_n < 0.4 * self.residual_rms_n:
-                continue
-            retained.append(fault)
-        return tuple(retained)
+        """Faults of `cleaned` but for a quantisation whose error is below 0.4 of the residual's rms."""
+        rounding, least_n = SensorQuantisation.name, 0.4 * self.residual_rms_n
+        return tuple(f for f in self.cleaned.faults if f.name != rounding or f.explained_n >= least_n)
 
     @property
     def residual_rms_n(self) -> float:
@@ -84,8 +73,9 @@ class Analysis:
         """Returns an analysis whose search went on without cause `name` in all its forms; of a form with a
         plainer one only that form is barred, and the plainer one is tried first.
 
-        A cause that takes its place must fit within `ADD` of the fit before, penalties aside. One that does
-        not describes something that has no name here: it is barred too, and the search repeated.
+        A cause that takes its place must fit within `ADD` of the fit before, penalties aside, but for one
+        that says the same with fewer numbers. One that does not describes something that has no name here: it
+        is barred too, and the search repeated.
         """
         rest: Model = {other: shape for other, shape in self.fit.model.items() if other != name}
         form = CANDIDATES[name].plainer
@@ -94,7 +84,9 @@ class Analysis:
             plainer = form_name(base_name(name), form)
             refused, one = {name}, self.search.best_with(self.search.fit(rest), plainer)
         rest = rest if one is None else one.model
-        known = {base_name(other) for other in rest} | {"bias"}
+        same, numbers = no_rivals(name), len(CANDIDATES[name].signs)
+        simpler = (n for n, c in CANDIDATES.items() if base_name(n) in same and len(c.signs) < numbers)
+        known = {base_name(other) for other in (*rest, *simpler, "bias")}
         while True:
             allowed = [other for other in self.search.names if not {other, base_name(other)} & refused]
             search = Search(self.regression, allowed, self.search.noise_n)
@@ -232,19 +224,3 @@ def noise_of(residual: Floats, signals: Signals, floor: NoiseFloor | None) -> No
     corner_hz = LEAST_CORNER_HZ if floor is None or floor.slope == 0.0 else _SLOW_CORNER_HZ
     pieces = signals.piecewise(fine=False)
     return autoregression(residual, signals.rows, pieces, signals.coarse_rate_hz, corner_hz)
-
-
-def _are_impacts(analysis: Analysis) -> bool:
-    """True if over 60 % of the spikes are within 60 ms of the end of a play, where the model's instrument
-    begins to move with the stage again. False without spikes, or if no cause changes the motion.
-    """
-    regression, spiked = analysis.regression, analysis.cleaned.spikes
-    moved, stage = regression.motion(analysis.fit.model), regression.motion({})
-    if moved is stage or not spiked.any():
-        return False
-    away_m = np.abs(np.diff(moved.x - stage.x, prepend=moved.x[0] - stage.x[0]))
-    crossing = away_m > _STILL * np.abs(np.diff(stage.x, prepend=stage.x[0])) + 1e-12
-    landed_s = moved.t[np.flatnonzero(crossing[:-1] & ~crossing[1:]) + 1] + regression.signals.origin_s
-    at_s = analysis.recording.time_s[spiked]
-    near = [bool(np.any(np.abs(landed_s - spike_s) < _IMPACT_S)) for spike_s in at_s]
-    return float(np.mean(near)) > _MOST_SPIKES

@@ -41,7 +41,6 @@ from forefeel.diagnosis.verdict import (
     VerdictName,
 )
 
-_WIDEST = 20.0  # of a size, width of an interval beyond which the recording does not tell it
 _RIVAL = 6.0
 _NEAR = 0.3  # of what the cause explains: no rival begins farther off on the grid
 _AS_GOOD = 0.03  # lower end of the held-out gain over a rival, or over none, up to which that does as well
@@ -50,7 +49,6 @@ _MOST_RIVALS = 3
 _STROKES_EXPLAINED, _MORE_THAN_WHOLE = 0.8, 0.04
 _SLOWEST_CELL_S = 0.1  # a quarter of the time in which an HX711 settles at 10 samples a second (data sheet)
 SLOW = "slow_force"
-_FORETOLD = 0.3
 _STRUCTURE = 0.135
 _FLEXIBLE = 0.15  # lower end of the held-out gain of a function of one variable that shows structure
 # share of the residual that its past foretells, and of the force that is left, where the noise is unknown
@@ -273,17 +271,13 @@ class Judge:
         return predictable_share(self.regression, self._residual)
 
     def _structured_share(self) -> float:
-        """Share of the residual's variance that is no noise: the largest of what its own past predicts (next
-        to a white noise floor), what a function of one variable explains, and what exceeds a known floor; 0
-        if none is clear.
+        """Share of the residual's variance that is no noise: the larger of what a function of one variable
+        explains, and what exceeds a known floor; 0 if none is clear.
         """
-        floor, foretold = self.analysis.floor, self._predicted_share
-        shares = [self._left_over.largest_share(_FLEXIBLE)]
-        if floor is not None and floor.slope == 0.0:  # a coloured noise has a memory itself
-            shares.append(foretold if foretold > _FORETOLD else 0.0)
-        if floor is not None and self.residual_n > _OF_FORCE * self.force_n:
-            shares.append(excess_share(self.regression, self._residual, floor))
-        return max(shares)
+        floor, of_one_variable = self.analysis.floor, self._left_over.largest_share(_FLEXIBLE)
+        if floor is None or self.residual_n <= _OF_FORCE * self.force_n:
+            return of_one_variable
+        return max(of_one_variable, excess_share(self.regression, self._residual, floor))
 
     def _rival_groups(self) -> tuple[tuple[str, ...], ...]:
         """Groups (cause, up to two rivals), one for each cause of the fit that has rivals: causes outside the
@@ -378,8 +372,7 @@ class Judge:
     def _is_weak(self, name: str) -> bool:
         """True if the cause gains 3 % or less on held-out blocks (lower end), as a second friction, which
         takes what the first one's course leaves, 10 %; no more than the encoder's steps make; or its
-        intervals tell nothing: all sizes may be 0 or are wider than 20 times the value, a ratio may be 1, a
-        frequency may be 0, a mode may have no damping or no peak, or an end is infinite. Also for a change of
+        intervals tell nothing: all sizes may be 0, a ratio may be 1, or a mode no peak. Also for a change of
         stiffness at rest with few reversals beside it that gains below 90 %, for what has to come again where
         the motion does not, and for a rhythm that gains less than 20 % beside a function of the motion.
         """
@@ -399,18 +392,13 @@ class Judge:
         ratio = parameters.get("ratio")  # of two stiffnesses
         if ratio is not None and ratio.low <= 1.0 <= ratio.high:
             return True
-        mode = [parameters[size] for size in ("frequency_hz", "damping_ratio") if size in parameters]
         damping = parameters.get("damping_ratio")
-        if any(size.low <= 0.0 for size in mode) or (damping is not None and damping.high > MOST_DAMPED):
-            return True
-        if any(not np.isfinite(interval.high - interval.low) for interval in parameters.values()):
+        if damping is not None and damping.high > MOST_DAMPED:
             return True
         sizes = [parameters[size] for size in CANDIDATES[name].needed]
         # a bias that gains may be open because a wall's place stands for it
         sure = not sizes or (name == "bias" and held_out.gain_low > _CLEAR_GAIN)
-        return not sure and all(
-            size.low <= 0.0 <= size.high or size.high - size.low > _WIDEST * abs(size.value) for size in sizes
-        )
+        return not sure and all(size.low <= 0.0 <= size.high for size in sizes)
 
     def _imitates_the_motion(self, name: str) -> bool:
         """True if a rhythm, whose phase is taken from the force, gains little beside a function of motion:

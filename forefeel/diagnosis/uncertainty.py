@@ -108,7 +108,7 @@ WIDER = 1.4
 _POSITIVE = frozenset({
     "stiffness_n_m", "second_stiffness_n_m", "time_constant_s", "second_time_constant_s", "width_m",
     "delay_s", "stribeck_velocity_m_s", "frequency_hz", "damping_ratio", "amplitude_n",
-    "settling_s", "length_m", "release_s", "breakaway_m", "wrap_rad", "wrap_rad_m",
+    "settling_s", "length_m", "release_s", "breakaway_m", "transition_speed_m_s", "wrap_rad", "wrap_rad_m",
 })  # fmt: skip
 """What has no negative values in any cause: no interval reaches below zero."""
 

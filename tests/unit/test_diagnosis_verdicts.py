@@ -224,6 +224,15 @@ def test_weight_of_a_joint_is_named_where_the_position_is_an_angle() -> None:
     assert np.std((said - force)[100:-100]) < 0.02
 
 
+def test_friction_that_passes_through_zero_over_a_speed_is_dry_friction() -> None:
+    """Lubricated friction, and that of most simulators: tanh(v / v_t) in place of the sign."""
+    true = {"force_n": 0.15, "transition_speed_m_s": 1e-3}
+    found = diagnose(recorded(body(), effect("coulomb_friction", **true), rate_hz=100.0)).diagnosis
+    assert [cause.name for cause in found.causes] == ["coulomb_friction"]
+    values = {name: interval.value for name, interval in found.causes[0].parameters.items()}
+    assert values == pytest.approx(true, rel=0.1)
+
+
 def test_friction_along_a_path_has_a_level_a_growth_and_a_length_over_which_it_builds_up() -> None:
     """As of a guidewire in a vessel: 40 mN at the entry, 5 N/m of depth, over .5 mm after each reversal."""
     true = {"force_per_length_n_m": 5.0, "force_n": 0.04, "breakaway_m": 5e-4}

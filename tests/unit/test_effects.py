@@ -140,6 +140,12 @@ def test_with_a_breakaway_friction_turns_over_twice_that_distance() -> None:
     assert stepped(effect) == 0.0
 
 
+def test_with_a_transition_speed_friction_has_three_quarters_of_its_size_there() -> None:
+    effect = CoulombFriction(forward_n=0.2, backward_n=0.1, transition_speed_m_s=1e-3)
+    forces_n = [stepped(effect, v=v) for v in (-1.0, -1e-3, 0.0, 1e-3, 1.0)]
+    assert forces_n == pytest.approx([-0.1, -0.0762, 0.0, 0.1523, 0.2], abs=1e-4)
+
+
 @pytest.mark.parametrize("steps", [1, 7, 1000])
 @pytest.mark.parametrize("speed", [1e-4, 0.02])
 def test_dahl_follows_its_closed_form_at_any_speed_and_step(steps: int, speed: float) -> None:

@@ -107,7 +107,12 @@ def test_a_mapping_comes_back_with_its_defaults() -> None:
         {**short, "parameters": full},
         {
             "effect": "coulomb_friction",
-            "parameters": {"forward_n": 0.2, "backward_n": 0.2, "breakaway_m": 0.0},
+            "parameters": {
+                "forward_n": 0.2,
+                "backward_n": 0.2,
+                "breakaway_m": 0.0,
+                "transition_speed_m_s": 0.0,
+            },
         },
     )
     assert ContactModel.from_mapping(described) == model(short, VALVE)
