@@ -77,7 +77,7 @@ def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float =
     lines = _lines(first, diagnosis, second, out, again if viewer.url else "none")
     show(*lines)
     pages["second run"] = out / REPORT
-    viewer.stay(Scene(head=lines[-1], recording=out / RECORDING, pages=pages))
+    viewer.stay(Scene(head=f"Ended. {lines[-1]}", recording=out / RECORDING, pages=pages))
 
 
 def _model(name: str) -> str:

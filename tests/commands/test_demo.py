@@ -63,4 +63,4 @@ def test_demo_tells_what_was_hidden_and_ends_with_the_errors(
         (each.head[:1], each.recording and each.recording.parent.name, len(each.pages))
         for each in viewer.scenes
     ]
-    assert shown == [("1", None, 0), ("2", "first", 1), ("3", None, 2), ("F", tmp_path.name, 3)]
+    assert shown == [("1", None, 0), ("2", "first", 1), ("3", None, 2), ("E", tmp_path.name, 3)]
