@@ -5,7 +5,7 @@ id. Pure.
 from collections.abc import Callable
 from enum import Enum
 
-from forefeel.common.events.text import NO_ANSWER, span
+from forefeel.common.events.text import span
 from forefeel.common.settings import LONGEST_ROUND_TRIP_S
 from forefeel.common.topics import SLAVE_STATE
 
@@ -103,11 +103,11 @@ class Session:
             return self._reason
         since_ns = now_ns if self._asking_since_ns is None else self._asking_since_ns
         if self.is_heard(now_ns):
-            return self._reason or f"{NO_ANSWER}to the handshake for {span((now_ns - since_ns) * 1e-9)}"
+            return self._reason or f"no answer to the handshake for {span((now_ns - since_ns) * 1e-9)}"
         if self.obstacle:
             return self.obstacle
         if self.heard_ns is None:
-            return f"{NO_ANSWER}from the slave for {span((now_ns - since_ns) * 1e-9)}"
+            return f"no answer from the slave for {span((now_ns - since_ns) * 1e-9)}"
         return f"no state from the slave for {span((now_ns - self.heard_ns) * 1e-9)}"
 
     def _start_again(self, reason: str) -> None:

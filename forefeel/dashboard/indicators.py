@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 from forefeel.common.events.console import printable
-from forefeel.common.events.text import NO_ANSWER, WARNINGS, is_long_round_trip, quantity, span
+from forefeel.common.events.text import REFUSED, WARNINGS, is_long_round_trip, quantity, span
 from forefeel.common.messages import SafetyState, SlaveState
 from forefeel.common.topics import MASTER_STATE, SLAVE_STATE, Topic
 from forefeel.dashboard.axis_view import AxisView
@@ -67,7 +67,7 @@ def _link(view: AxisView, now_ns: int) -> Light:
     state = view.newest.master
     assert state is not None
     if state.indication == "no_session":
-        level = "bad" if view.had_session else "off" if state.reason.startswith(NO_ANSWER) else "warn"
+        level = "bad" if view.had_session else "warn" if state.reason.startswith(REFUSED) else "off"
         return Light("link", level, "no link", printable(state.reason))
     if state.indication == "handle_fault":
         return Light("link", "bad", "handle fault", printable(state.reason))

@@ -1,5 +1,6 @@
 """The live page in a real browser, served by the real process, fed over real Zenoh."""
 
+import re
 from pathlib import Path
 from urllib.parse import urlsplit
 
@@ -132,3 +133,4 @@ def test_report_in_a_browser_shows_values_and_a_part(tmp_path: Path) -> None:
         shown.page.mouse.move(0, 0)
         wait_until(lambda: shown.ask(script) == seen[0])
         assert (shown.errors, shown.asked) == ([], {url})
+        assert len(re.findall(rb"/Type */Page\b", shown.page.pdf(format="A4"))) == 1

@@ -4,7 +4,7 @@ from typing import get_args
 
 import pytest
 
-from forefeel.common.events.text import BUCKLES, NO_ANSWER, long_round_trip
+from forefeel.common.events.text import BUCKLES, long_round_trip
 from forefeel.common.messages import SafetyState
 from forefeel.common.topics import MASTER_STATE, MASTER_TIMING, PARAMETERS, SLAVE_STATE, SLAVE_TIMING
 from forefeel.dashboard import panels
@@ -82,7 +82,10 @@ def test_why_there_is_no_session() -> None:
     found = told({}, {"indication": "no_session", "reason": "settings differ: max_force_n"})
     assert found["link"][0] == "warn"
     assert "max_force_n" in found["link"][2]
-    assert told({}, {"indication": "no_session", "reason": f"{NO_ANSWER}from the slave"})["link"][0] == "off"
+    assert (
+        told({}, {"indication": "no_session", "reason": "no answer from the slave for 2.0 s"})["link"][0]
+        == "off"
+    )
     view, now_ns = viewed(0.1)  # which had a session
     view.newest.master = usual(MASTER_STATE, indication="no_session", reason="")
     assert lights(view, now_ns)[0][1:3] == ("bad", "no link")
