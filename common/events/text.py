@@ -81,9 +81,7 @@ def emergency_stop(by: str, reason: str) -> str:
 
 
 def gap(before: Message | None, state: Message) -> str:
-    """Text on the silence of an end between two of its states, by its own clock; empty for one in which a
-    state stays valid, and for any other message.
-    """
+    """Text on an end that was silent between two of its states, by its own clock; empty where it was not."""
     topic = {SlaveState: SLAVE_STATE, MasterState: MASTER_STATE}.get(type(state))
     if topic is None or before is None or topic.stale_after_s is None:
         return ""

@@ -76,9 +76,7 @@ def _level(event: Message) -> Level:
             return "bad"
         case Handshake(accepted=True):
             return "off"
-        case LimitEvent() if event.rule != CONTACT_LOST and not notable(
-            event.rule, event.requested, event.applied
-        ):
-            return "off"  # the motion was limited, and goes on
+        case LimitEvent(rule=rule) if rule != CONTACT_LOST:
+            return "warn" if notable(rule, event.requested, event.applied) else "off"
         case _:
             return "warn"

@@ -20,8 +20,6 @@ _SAFETY: dict[SafetyState, tuple[Level, str]] = {
     S.ESTOPPED: ("bad", "at rest until it is cleared at the slave"),
 }
 _SHOWN = {S.ESTOPPED: "emergency stop"}
-SILENT_NS = 2_000_000_000
-"""A cell that says nothing for so long is silent."""
 
 
 class Light(NamedTuple):
@@ -36,14 +34,6 @@ class Light(NamedTuple):
 def lights(view: AxisView, now_ns: int) -> list[Light]:
     every = [_link(view, now_ns), _lease(view, now_ns), _safety(view, now_ns), _deadman(view, now_ns)]
     return [*every, _force(view, now_ns)]
-
-
-def silent_s(heard_ns: int | None, now_ns: int, since_ns: int) -> float | None:
-    """Duration of a silence: of more than 2 s, else None, and of any before one was heard; `since_ns`: when
-    one began to listen.
-    """
-    quiet_ns = now_ns - (since_ns if heard_ns is None else heard_ns)
-    return quiet_ns * 1e-9 if heard_ns is None or quiet_ns > SILENT_NS else None
 
 
 def _quiet(view: AxisView, state: Topic[Any], now_ns: int) -> str:

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from forefeel.common.error_size import Floats
 from forefeel.common.events.console import printable
 from forefeel.common.events.text import UNKNOWN, quantity
 from forefeel.common.lateness import FEW_MISSED
@@ -22,15 +21,13 @@ from forefeel.common.topics import (
 )
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.detector import Signs
-from forefeel.dashboard.event_log import EventList, Level
-from forefeel.dashboard.indicators import lights, safety_word
+from forefeel.dashboard.event_log import Level
+from forefeel.dashboard.indicators import safety_word
 from forefeel.dashboard.trace import SPAN_S
 from forefeel.report.vessel import friction
 from forefeel.report.wording import micros, named, number, scale, share
 
 Card = dict[str, Any]
-_BINS = 36  # bars of the histogram of the delay
-_LEAST_SPREAD_S = 2e-3  # s, least width of the histogram
 _FRESH_S = 0.5  # s for which a value is shown after it was heard, as long as `stale_after_s` of the states
 _MODEL_S = 2.0  # s for which what the model says of itself counts after it was heard
 # s for which a loop's lateness is shown after it was heard: it comes once a second, three may be lost
@@ -93,29 +90,14 @@ def banner(view: AxisView) -> Card:
     }
 
 
-def status_lights(view: AxisView, now_ns: int) -> list[Card]:
-    return [light._asdict() for light in lights(view, now_ns)]
-
-
-def delay(view: AxisView, now_ns: int) -> Card:
-    """Histogram and quantiles in ms of the round trips of the last minute; empty lists and a sentence without
-    any.
-    """
+def delay(view: AxisView, now_ns: int) -> str:
+    """Text with the quantiles in ms of the round trips of the last minute, or that there are none."""
     rows = view.delays.rows()
     delays_s = rows[rows[:, 0] > now_ns * 1e-9 - SPAN_S, 1]
     if not len(delays_s):
-        return {"edges_ms": [], "counts": [], "words": "no answered command in the last minute"}
-    p50, p99, most = np.quantile(delays_s, [0.5, 0.99, 1.0])
-    counts, edges = _histogram(delays_s)
-    words = f"median {1e3 * p50:.4g} · 99 % {1e3 * p99:.4g} · most {1e3 * most:.4g} ms"
-    return {"edges_ms": [round(1e3 * edge, 3) for edge in edges], "counts": counts, "words": words}
-
-
-def _histogram(delays_s: Floats) -> tuple[list[int], list[float]]:
-    low, high = np.quantile(delays_s, [0.0, 0.999])
-    spare_s = max(0.0, _LEAST_SPREAD_S - (high - low)) / 2
-    counts, edges = np.histogram(delays_s, bins=_BINS, range=(max(0.0, low - spare_s), high + spare_s))
-    return counts.tolist(), edges.tolist()
+        return "no answered command in the last minute"
+    p50, p99, most = 1e3 * np.quantile(delays_s, [0.5, 0.99, 1.0])
+    return f"median {p50:.4g} · 99 % {p99:.4g} · most {most:.4g} ms"
 
 
 def model(view: AxisView, now_ns: int) -> Card:
@@ -242,11 +224,6 @@ def counted(view: AxisView, now_ns: int, local: Mapping[str, int] = {}) -> str:
     missing = [t.publisher for t in (SLAVE_STATE, MASTER_STATE) if not _fresh(view, t.name, now_ns)]
     caveats = {printable(caveat) for state in states if state is not None for caveat in state.caveats}
     return " · ".join([*parts, *sorted(caveats), *(f"{publisher} not heard now" for publisher in missing)])
-
-
-def events(log: EventList) -> list[Card]:
-    """Lines of the event list, newest first."""
-    return [line._asdict() for line in reversed(list(log))]
 
 
 def _fresh(view: AxisView, topic: str, now_ns: int, most_s: float = _FRESH_S) -> bool:

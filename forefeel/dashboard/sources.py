@@ -15,9 +15,9 @@ from forefeel.common.recording.mcap_spans import RunSpans
 from forefeel.common.topics import BY_NAME, COMMAND
 from forefeel.dashboard.cell_view import UNREAD, CellView
 from forefeel.dashboard.feed import Answer, Feed
-from forefeel.dashboard.indicators import silent_s
 from forefeel.dashboard.trace import SPAN_S
 
+_SILENT_NS = 2_000_000_000  # after which a cell counts as silent
 LEAD_S = 20.0  # s that are read of a recording before the place asked for
 _TOPICS = [topic for name, topic in BY_NAME.items() if name not in UNREAD]
 
@@ -89,14 +89,14 @@ class LiveCell:
         endpoints with the cause; None while something is heard.
         """
         heard_ns = self._cell.heard_ns
-        quiet_s = silent_s(heard_ns, now_ns, self._since_ns)
-        if quiet_s is None:
+        quiet_ns = now_ns - (self._since_ns if heard_ns is None else heard_ns)
+        if heard_ns is not None and quiet_ns <= _SILENT_NS:
             return None
         waits = f"Waits for master and slave of cell {self._name}"
         return {
             "word": waits if heard_ns is None else f"Cell {self._name}: silent",
-            "for": span(quiet_s),
-            "since_s": round(now_ns * 1e-9 - quiet_s, 1),
+            "for": span(quiet_ns * 1e-9),
+            "since_s": round((now_ns - quiet_ns) * 1e-9, 1),
             "where": f"{self._where}; {self._cause}" if self._cause else self._where,
         }
 

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from forefeel.report.model import RunReport
 
 RECORDING, REPORT = "recording.mcap", "report.html"
-_ENDED = "The run has ended. Its report is being written"
 _OURS = (
     RECORDING, "report.json", REPORT, "slave.yaml", "master.yaml", "slave.log", "master.log",
     "stage.log", "cell.log", "handle.log", "hub.log", STATE,
@@ -104,8 +103,8 @@ def recorded_run(
             with TemporaryDirectory(prefix="forefeel-") as ports:  # short, for sockets have short names
                 plan, emulators = on_bench(plan, options.hardware, Path(ports), folder, options.seed)
                 at = viewer.endpoints if viewer.url else ()
-                ended = scene.model_copy(update={"waits": _ENDED})
-                run_real(plan, folder, progress, emulators, at, lambda: viewer.show(ended))
+                after = scene.model_copy(update={"waits": "The run has ended. Its report is being written"})
+                run_real(plan, folder, progress, emulators, at, lambda: viewer.show(after))
             written.append(RECORDING)
         from forefeel.report.page import write_report  # noqa: PLC0415 - as above
 

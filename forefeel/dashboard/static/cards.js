@@ -20,7 +20,7 @@ export function showCards(cards, charts, when, goTo) {
     standing: showLights,
     watch: (card) => showWatch(card, when),
     energy: showEnergy,
-    delay: (card) => { tell("delay-words", card.words); charts.delays(card); },
+    delay: (words) => tell("delay-words", words),
     model: (card) => { charts.friction = card.friction; showModel(card); },
     loops: showLoops,
     counted: (words) => tell("counted", words),

@@ -11,11 +11,10 @@ const FRESH_S = 1; // so long the newest value stands where none follows
 const DOTTED = [0.1, 5], DASHED = [7, 5];
 
 export class Charts {
-  constructor(force, position, delays, picture, wants) {
-    Object.assign(this, { force, position, delayed: delays, picture, frame: null, hover: null, picked: null });
+  constructor(force, position, picture, wants) {
+    Object.assign(this, { force, position, picture, frame: null, hover: null, picked: null });
     Object.assign(this, { vessel: null, friction: {}, late_ms: null, reach_mm: [], rows: null });
     this.ranges = [new Range(0.05, 5), new Range(0.05, 2), new Range(0.5, 3)];
-    this.card = { edges_ms: [], counts: [] };
     const hover = (x, from = null) => {
       this.hover = x;
       this.picked = x === null ? null : from;
@@ -70,7 +69,6 @@ export class Charts {
     const x = { min: start, max: end, ticks };
     this.frame = draw(this.force, { x, panels: panels.slice(0, 1), hover });
     draw(this.position, { x, panels: panels.slice(1), hover });
-    this.delays(this.card);
     this.instrument(traces, hover ?? end);
   }
 
@@ -93,13 +91,6 @@ export class Charts {
       predicted_mn: milli(at("predicted", t_s)), felt_mn: milli(at("felt", t_s)), measured_mn: milli(at("late", t_s)),
     };
     drawVessel(this.picture, this.drawn);
-  }
-
-  delays(card) {
-    this.card = card;
-    const rows = card.counts.map((count, index) => [card.edges_ms[index], card.edges_ms[index + 1], count]);
-    const x = rows.length ? { min: card.edges_ms[0], max: card.edges_ms.at(-1) } : { min: 0, max: 1, ticks: [] };
-    draw(this.delayed, { x, panels: [{ hidesY: true, bars: [{ colour: "predicted", rows }] }] });
   }
 }
 

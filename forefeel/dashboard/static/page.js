@@ -290,9 +290,9 @@ function showSilence(silence) {
   tell("silence-where", silence.where ? `listening at ${silence.where}` : "");
 }
 
-page.charts = charts = new Charts(node("force"), node("position"), node("delays"), node("picture"), wants);
+page.charts = charts = new Charts(node("force"), node("position"), node("picture"), wants);
 const resized = new ResizeObserver(() => { dirty = true; });
-for (const name of ["force", "position", "delays"]) resized.observe(node(name));
+for (const name of ["force", "position"]) resized.observe(node(name));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { dirty = true; });
 showTheme(stored((storage) => storage.getItem(THEME)));
 listen();
