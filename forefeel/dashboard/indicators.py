@@ -67,8 +67,8 @@ def _link(view: AxisView, now_ns: int) -> Light:
 
 
 def _lease(view: AxisView, now_ns: int) -> Light:
-    """Light of the lease: `off` without a slave or a holder, `warn` where another master holds it, or one
-    that is not heard here, else `good`.
+    """Light of the lease: `off` without a slave or a holder that is heard, `warn` where another master holds
+    it, else `good`.
     """
     slave, master = view.newest.slave, view.newest.master
     if slave is None or _quiet(view, SLAVE_STATE, now_ns):
@@ -76,7 +76,7 @@ def _lease(view: AxisView, now_ns: int) -> Light:
     if not slave.session_id:
         return Light("lease", "off", "free", "no master holds it")
     if master is None or _quiet(view, MASTER_STATE, now_ns):
-        return Light("lease", "warn", "held", "by a master that is not heard here")
+        return Light("lease", "off", "held", "by a master that is not heard here")
     if slave.session_id != master.session_id:
         return Light("lease", "warn", "held by another", "the slave serves another session")
     return Light("lease", "good", "held", "by this master")
