@@ -15,6 +15,7 @@ from forefeel.common.errors import EndpointError, InputError, RunError
 
 _PR_SET_PDEATHSIG = 1  # option of prctl(2) (linux/prctl.h)
 _PARENT, _LISTENING = "FOREFEEL_PARENT", "FOREFEEL_LISTENING"
+_PORTS = 20  # that are tried, one after the other
 _BACKLOG = 64  # connections that the kernel keeps before they are accepted: pages that open during the start
 
 
@@ -129,6 +130,14 @@ def listening_at(address: str, port: int) -> socket.socket:
     except OSError as error:
         reason = str(error.strerror).partition(" (")[0]  # Python adds the address
         raise EndpointError(f"--port {port} at {address}: {reason}; expected a free one") from error
+
+
+def next_listening(address: str, port: int) -> socket.socket:
+    """Socket as of `listening_at`, at the next free port where that one is taken; raises as it."""
+    for candidate in range(port, min(port + _PORTS, 65536)):
+        with suppress(EndpointError):
+            return listening_at(address, candidate)
+    return listening_at(address, port)
 
 
 def free_endpoints(count: int) -> list[str]:

@@ -77,7 +77,7 @@ def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float =
     lines = _lines(first, diagnosis, second, out, again if viewer.url else "none")
     show(*lines)
     pages["second run"] = out / REPORT
-    viewer.stay(Scene(head=lines[-1], recording=out / RECORDING, pages=pages))
+    viewer.stay(Scene(head=f"Ended. {lines[-1]}", recording=out / RECORDING, pages=pages))
 
 
 def _model(name: str) -> str:
@@ -99,8 +99,8 @@ def _lines(first: RunReport, diagnosis: Diagnosis, second: RunReport, out: Path,
     on the page), the next command; the last has the felt errors of both runs.
     """
     before, after = (run.transparency or Transparency() for run in (first, second))
-    late, felt, now = (quantity(error.rms_n, "N") for error in (before.held, before.felt, after.felt))
-    last = f"Felt error  {late} if the late force were shown; {felt} in the first run; {now} now"
+    late, felt, now = (quantity(error.rms_n, "N") for error in (after.held, before.felt, after.felt))
+    ratio = "" if after.ratio is None else f", {after.ratio:.2f} of the late force's {late}"
     hidden = (f"{name}: {', '.join(map(_value, values, values.values()))}" for name, values in HIDDEN.items())
     return [
         f"First run   {quantity(first.delay_s.p50, 's')} away, nothing known: {_jnd_text(before)}",
@@ -111,7 +111,7 @@ def _lines(first: RunReport, diagnosis: Diagnosis, second: RunReport, out: Path,
         f"Page        {page}",
         f"Next        forefeel diagnose {out / RECORDING} --out {out / 'again'}, or your.csv in its place",
         DISCLAIMER,
-        last if after.ratio is None else f"{last}, {after.ratio:.2f} of the late force's",
+        f"Felt error  {now}{ratio}; {felt} in the first run",
     ]
 
 

@@ -4,6 +4,7 @@
 """
 
 import threading
+from collections import deque
 from collections.abc import Mapping
 from contextlib import closing
 from functools import partial
@@ -13,6 +14,8 @@ from typing import TYPE_CHECKING
 from forefeel.common.bus import observed
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import CodecError, RunError
+from forefeel.common.events.text import gap
+from forefeel.common.messages import MasterState, Message, SlaveState
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.runtime.service_manager import service_watchdog
 from forefeel.common.runtime.threads import in_thread
@@ -31,6 +34,7 @@ if TYPE_CHECKING:
 _QUEUE_MESSAGES = 100_000  # messages that wait for the disk: half a minute of an axis, three streams at 1 kHz
 _WRITE_EVERY_S = 0.025  # a killed recorder loses that, and what its batches wait at the sender (`BATCH_NS`)
 _POLL_S = 0.1
+_SILENCES = 100  # lines that wait to be shown
 _FLUSH_ROUNDS = 40  # between two flushes: a host without power loses a second
 
 
@@ -39,6 +43,7 @@ class Recorder:
 
     Attributes:
         newest: newest payload of each key, for whoever shows progress.
+        silences: of an end between two of its states, in words; whoever shows them takes them out.
         rounds: how often it has looked for what to write; stands when the disk does.
         transport: the session; its `notice` is what the user must be told loudly, or empty.
     """
@@ -59,6 +64,8 @@ class Recorder:
         self.path = path
         self.newest: dict[str, bytes] = {}
         self.rounds = 0
+        self.silences: deque[str] = deque(maxlen=_SILENCES)
+        self._states: dict[str, Message] = {}
         self._error: BaseException | None = None
         self._queue: BoundedQueue[tuple[str, bytes, int]] = BoundedQueue(_QUEUE_MESSAGES)
         self._closing = threading.Event()
@@ -141,6 +148,10 @@ class Recorder:
                 self._writer.malformed += 1
                 continue
             for message, message_ns in entries:
+                if isinstance(message, SlaveState | MasterState):
+                    if silence := gap(self._states.get(key), message):
+                        self.silences.append(silence)
+                    self._states[key] = message
                 self._writer.write_message(key, message, message_ns)
 
 
@@ -181,6 +192,8 @@ def run_record(
                 recorder.check()
                 attend()
                 look(bool(recorder.newest))
+                while recorder.silences:
+                    say(f"the {recorder.silences.popleft()}")
     if not recorder.written:
         raise RunError(f"{out}: nothing was recorded, nobody of cell {cell} was heard at {where}")
     counts = {"messages": recorder.written, **recorder.missed}

@@ -14,10 +14,13 @@ from forefeel.common.messages import (
     Handshake,
     LimitEvent,
     MasterEvent,
+    MasterState,
     Message,
     SafetyEvent,
+    SlaveState,
 )
 from forefeel.common.recording.units import is_angle
+from forefeel.common.topics import MASTER_STATE, SLAVE_STATE
 
 UNKNOWN = "–"
 ROUND_TRIP, SLOW_LIMIT, ZERO = "round_trip", "slow_limit", "zero"
@@ -29,6 +32,8 @@ SLIPS, BUCKLES, LOOSENS = "wire_slips", "wire_near_buckling", "wire_near_slip"
 slips."""
 DECLARES = "the first arming declares that the instrument is out of contact"
 _ROUND_TRIP = "round trip "
+REFUSED = "settings differ", "the slave refuses"
+"""Begins of the reason of a master that waiting will not give a session."""
 DISTRUSTED = "rendered_late"
 """The rule by which the hand feels the late force, for the prediction is out of reach of it."""
 CONTACT_LOST = "contact_lost"
@@ -73,6 +78,15 @@ def event_text(message: Message) -> str:
 
 def emergency_stop(by: str, reason: str) -> str:
     return f"emergency stop by {by}: {reason}"
+
+
+def gap(before: Message | None, state: Message) -> str:
+    """Text on an end that was silent between two of its states, by its own clock; empty where it was not."""
+    topic = {SlaveState: SLAVE_STATE, MasterState: MASTER_STATE}.get(type(state))
+    if topic is None or before is None or topic.stale_after_s is None:
+        return ""
+    silent_s = (state.stamp_ns - before.stamp_ns) * 1e-9
+    return f"{topic.publisher} was silent for {span(silent_s)}" if silent_s > topic.stale_after_s else ""
 
 
 def not_armed(rule: str, value: float, limit: float) -> str:

@@ -2,6 +2,7 @@
 
 from math import nan
 
+from forefeel.common.events.text import gap
 from forefeel.common.messages import (
     ForceSample,
     Grip,
@@ -62,6 +63,7 @@ class AxisView:
     Attributes:
         delays: time of receipt in s and round trip in s of each newly answered command.
         worst_energy_j: the lowest that was received.
+        had_session: the master had a session with the slave.
     """
 
     def __init__(self) -> None:
@@ -73,15 +75,19 @@ class AxisView:
         self.events = EventList()
         self.delays = SampleRing(round(SPAN_S * _RATE_HZ), 2)
         self.worst_energy_j = 0.0
+        self.had_session = False
         self._samples: list[HapticSample | None] = [None] * _REMEMBERED_COMMANDS
         self._answered: tuple[int, int] | None = None
         self._slip_m = 0.0
 
     def take(self, topic: Topic[Message], message: Message, receive_ns: int) -> None:
         """Stores a message as the newest of its kind, or as an event, and adds what it holds to traces and
-        statistics; notes when its topic was heard.
+        statistics; notes when its topic was heard, and as an event that its sender was silent before.
         """
         newest = self.newest
+        before = newest.slave if isinstance(message, SlaveState) else newest.master
+        if silence := gap(before, message):
+            self.events.add("warn", topic.publisher, silence, receive_ns)
         match message:
             case HapticSample():
                 self._add_haptics(message, receive_ns)
@@ -91,6 +97,7 @@ class AxisView:
                 newest.slave = message
             case MasterState():
                 newest.master = message
+                self.had_session |= message.indication not in {"no_session", "handle_fault"}
             case ModelParameters():
                 newest.model = message
                 self.watch.innovation(self.timeline.now_s(receive_ns), message.innovation_rms_n)

@@ -15,6 +15,7 @@ from typing import NamedTuple
 _BLOCK_S = 1.0  # s, length of a block that is judged
 _LEAST_BLOCKS = 6  # blocks before the usual is known
 _KEPT_BLOCKS = 120  # blocks of which the usual is the median: 2 min
+_RECENT_BLOCKS = 5  # blocks by which the forces outside of the band are judged without an alarm
 _LEAST_FORCES = 100  # forces in a block that is judged
 _RISE, _FALL = 2.0, 1.4  # innovation over its usual: bad above the first, fine below the second
 # share outside of the band beyond its usual share: bad above the first, fine below the second
@@ -56,7 +57,13 @@ class ModelWatch:
         self._forces = self._outside = 0
         self._usual: deque[float] = deque(maxlen=_KEPT_BLOCKS)
         self._usual_outside: deque[float] = deque(maxlen=_KEPT_BLOCKS)
+        self._recent: deque[float] = deque(maxlen=_RECENT_BLOCKS)
         self._bad = self._good = 0
+
+    @property
+    def misses_band(self) -> bool:
+        """True while more forces lie outside of the band than a model that fits leaves there."""
+        return fmean(self._recent) > _OUTSIDE_FALL if self._recent else False
 
     def innovation(self, t_s: float, rms_n: float) -> None:
         self._advance(t_s)
@@ -91,6 +98,7 @@ class ModelWatch:
         ratio = rms_n / usual_n if usual_n > 0 else 1.0
         usual_share = median(self._usual_outside) if known else share
         self.signs = Signs(ratio, share)
+        self._recent.append(share)
         if self.alarm is None:
             bad = known and (ratio > _RISE or share > _OUTSIDE_RISE + usual_share)
             self._count_bad(start_s, bad, ratio, share)

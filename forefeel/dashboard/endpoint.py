@@ -45,7 +45,7 @@ class Endpoint:
 
     def tell(self, scene: Scene) -> None:
         """Serves that scene from now on: its recording, or without one the live cell, which forgets what it
-        heard. Raises InputError where the recording can not be read.
+        heard, or what the scene waits for. Raises InputError where the recording can not be read.
         """
         self._source: LiveCell | Recorded
         self._vessel = scene.vessel
@@ -54,7 +54,7 @@ class Endpoint:
             self._vessel = scene.vessel or of_recording(self._source.metadata)
         else:
             assert self._live is not None
-            self._live.begin()
+            self._live.begin(scene.waits)
             self._source = self._live
         self.scene = scene
 

@@ -5,8 +5,16 @@ from collections.abc import Iterator
 from typing import Literal, NamedTuple
 
 from forefeel.common.events.console import printable
-from forefeel.common.events.text import event_text
-from forefeel.common.messages import EmergencyStop, Handshake, MasterEvent, Message, SafetyEvent, SafetyState
+from forefeel.common.events.text import CONTACT_LOST, event_text, notable
+from forefeel.common.messages import (
+    EmergencyStop,
+    Handshake,
+    LimitEvent,
+    MasterEvent,
+    Message,
+    SafetyEvent,
+    SafetyState,
+)
 
 MOST = 200  # lines that are kept
 Level = Literal["good", "busy", "warn", "bad", "off"]
@@ -16,7 +24,6 @@ _AFTER: dict[str, Level] = {
     SafetyState.READY: "off",
     SafetyState.ENGAGING: "busy",
     SafetyState.ARMED: "good",
-    SafetyState.STOPPING: "warn",
     SafetyState.FAULT: "bad",
     SafetyState.ESTOPPED: "bad",
     "no_session": "bad",
@@ -48,21 +55,28 @@ class EventList:
         """Appends a line about an event of `role`; ignores other messages."""
         text = event_text(message)
         if text:
-            self.count += 1
-            line = EventLine(self.count, round(receive_ns * 1e-9, 3), _level(message), role, printable(text))
-            self._lines.append(line)
+            self.add(_level(message), role, printable(text), receive_ns)
+
+    def add(self, level: Level, role: str, text: str, receive_ns: int) -> None:
+        self.count += 1
+        self._lines.append(EventLine(self.count, round(receive_ns * 1e-9, 3), level, role, text))
 
 
 def _level(event: Message) -> Level:
-    """Level of an event's line: of a transition by the state it leads to; `bad` for an emergency stop, `off`
-    for an accepted handshake, else `warn`.
+    """Level of an event's line: of a transition by the state it leads to, of a stop that nobody chose `warn`;
+    `bad` for an emergency stop, `off` for an accepted handshake and for a limit that asks nothing of anybody,
+    else `warn`.
     """
     match event:
+        case SafetyEvent(after=SafetyState.STOPPING, event="release"):
+            return "busy"
         case SafetyEvent() | MasterEvent():
             return _AFTER.get(event.after, "warn")
         case EmergencyStop():
             return "bad"
         case Handshake(accepted=True):
             return "off"
+        case LimitEvent(rule=rule) if rule != CONTACT_LOST:
+            return "warn" if notable(rule, event.requested, event.applied) else "off"
         case _:
             return "warn"

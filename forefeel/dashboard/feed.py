@@ -13,6 +13,7 @@ import numpy as np
 from forefeel.dashboard import panels
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.cell_view import CellView
+from forefeel.dashboard.indicators import lights
 from forefeel.dashboard.trace import Points
 
 Answer = dict[str, Any]
@@ -65,14 +66,14 @@ class Feed:
             "numbers": (_QUICK_NS, lambda: panels.numbers(view, now_ns)),
             "banner": (_QUICK_NS, lambda: panels.banner(view)),
             "gain": (_SLOW_NS, lambda: panels.gain(view, now_ns)),
-            "standing": (_QUICK_NS, lambda: panels.status_lights(view, now_ns)),
+            "standing": (_QUICK_NS, lambda: [light._asdict() for light in lights(view, now_ns)]),
             "watch": (_QUICK_NS, lambda: panels.watch(view, now_ns)),
             "energy": (_QUICK_NS, lambda: panels.energy(view, now_ns)),
             "delay": (_SLOW_NS, lambda: panels.delay(view, now_ns)),
             "model": (_SLOW_NS, lambda: panels.model(view, now_ns)),
             "loops": (_SLOW_NS, lambda: panels.loops(view, now_ns)),
             "counted": (_SLOW_NS, lambda: panels.counted(view, now_ns, cell.refused)),
-            "events": (_QUICK_NS, lambda: panels.events(view.events)),
+            "events": (_QUICK_NS, lambda: [line._asdict() for line in reversed(list(view.events))]),
         }
         return {name: card for name, (every_ns, make) in made.items()
                 for card in self._changed(name, every_ns, make, now_ns)}  # fmt: skip

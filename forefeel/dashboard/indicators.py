@@ -3,7 +3,7 @@
 from typing import Any, NamedTuple
 
 from forefeel.common.events.console import printable
-from forefeel.common.events.text import WARNINGS, is_long_round_trip, quantity, span
+from forefeel.common.events.text import REFUSED, WARNINGS, is_long_round_trip, quantity, span
 from forefeel.common.messages import SafetyState, SlaveState
 from forefeel.common.topics import MASTER_STATE, SLAVE_STATE, Topic
 from forefeel.dashboard.axis_view import AxisView
@@ -15,13 +15,11 @@ _SAFETY: dict[SafetyState, tuple[Level, str]] = {
     S.READY: ("off", "holds; the deadman engages it"),
     S.ENGAGING: ("busy", "aligns with the hand"),
     S.ARMED: ("good", "the stage follows the hand"),
-    S.STOPPING: ("warn", "comes to rest"),
+    S.STOPPING: ("busy", "comes to rest"),
     S.FAULT: ("bad", "at rest until it is cleared at the slave"),
     S.ESTOPPED: ("bad", "at rest until it is cleared at the slave"),
 }
 _SHOWN = {S.ESTOPPED: "emergency stop"}
-SILENT_NS = 2_000_000_000
-"""A cell that says nothing for so long is silent."""
 
 
 class Light(NamedTuple):
@@ -38,12 +36,6 @@ def lights(view: AxisView, now_ns: int) -> list[Light]:
     return [*every, _force(view, now_ns)]
 
 
-def silent_s(heard_ns: int | None, now_ns: int, since_ns: int) -> float | None:
-    """Duration of a silence of more than 2 s, else None; `since_ns`: when one began to listen."""
-    quiet_ns = now_ns - (since_ns if heard_ns is None else heard_ns)
-    return quiet_ns * 1e-9 if quiet_ns > SILENT_NS else None
-
-
 def _quiet(view: AxisView, state: Topic[Any], now_ns: int) -> str:
     """Sentence on an end whose state was never received, or is stale; empty for one that is heard."""
     heard_ns = view.newest.heard_ns.get(state.name)
@@ -54,16 +46,19 @@ def _quiet(view: AxisView, state: Topic[Any], now_ns: int) -> str:
 
 
 def _link(view: AxisView, now_ns: int) -> Light:
-    """Light of the link: `bad` where an end is silent, there is no session or the handle has failed, `warn`
-    for a long round trip, else `good`.
+    """Light of the link: `off` until both ends were heard and had a session, `warn` where the slave refuses
+    one or the round trip is long, `bad` where a link is lost or the handle has failed, else `good`.
     """
-    quiet = [text for text in (_quiet(view, state, now_ns) for state in (MASTER_STATE, SLAVE_STATE)) if text]
+    quiet = {state: text for state in (MASTER_STATE, SLAVE_STATE) if (text := _quiet(view, state, now_ns))}
     if quiet:
-        return Light("link", "bad", "silent", "; ".join(quiet))
+        lost = any(state.name in view.newest.heard_ns for state in quiet)
+        level: Level = "bad" if lost else "off"
+        return Light("link", level, "silent" if lost else "waits", "; ".join(quiet.values()))
     state = view.newest.master
     assert state is not None
     if state.indication == "no_session":
-        return Light("link", "bad", "no link", printable(state.reason))
+        level = "bad" if view.had_session else "warn" if state.reason.startswith(REFUSED) else "off"
+        return Light("link", level, "no link", printable(state.reason))
     if state.indication == "handle_fault":
         return Light("link", "bad", "handle fault", printable(state.reason))
     if is_long_round_trip(state.reason):
@@ -72,8 +67,8 @@ def _link(view: AxisView, now_ns: int) -> Light:
 
 
 def _lease(view: AxisView, now_ns: int) -> Light:
-    """Light of the lease: `off` without a slave or a holder, `warn` where another master holds it, or one
-    that is not heard here, else `good`.
+    """Light of the lease: `off` without a slave or a holder that is heard, `warn` where another master holds
+    it, else `good`.
     """
     slave, master = view.newest.slave, view.newest.master
     if slave is None or _quiet(view, SLAVE_STATE, now_ns):
@@ -81,7 +76,7 @@ def _lease(view: AxisView, now_ns: int) -> Light:
     if not slave.session_id:
         return Light("lease", "off", "free", "no master holds it")
     if master is None or _quiet(view, MASTER_STATE, now_ns):
-        return Light("lease", "warn", "held", "by a master that is not heard here")
+        return Light("lease", "off", "held", "by a master that is not heard here")
     if slave.session_id != master.session_id:
         return Light("lease", "warn", "held by another", "the slave serves another session")
     return Light("lease", "good", "held", "by this master")

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from forefeel.common.error_size import Floats
 from forefeel.common.events.console import printable
 from forefeel.common.events.text import UNKNOWN, quantity
+from forefeel.common.lateness import FEW_MISSED
 from forefeel.common.messages import LoopTiming, SafetyState
 from forefeel.common.topics import (
     FORCE,
@@ -20,16 +20,14 @@ from forefeel.common.topics import (
     SLAVE_TIMING,
 )
 from forefeel.dashboard.axis_view import AxisView
-from forefeel.dashboard.detector import COMPARED_S, Signs
-from forefeel.dashboard.event_log import EventList, Level
-from forefeel.dashboard.indicators import lights, safety_word
+from forefeel.dashboard.detector import Signs
+from forefeel.dashboard.event_log import Level
+from forefeel.dashboard.indicators import safety_word
 from forefeel.dashboard.trace import SPAN_S
 from forefeel.report.vessel import friction
 from forefeel.report.wording import micros, named, number, scale, share
 
 Card = dict[str, Any]
-_BINS = 36  # bars of the histogram of the delay
-_LEAST_SPREAD_S = 2e-3  # s, least width of the histogram
 _FRESH_S = 0.5  # s for which a value is shown after it was heard, as long as `stale_after_s` of the states
 _MODEL_S = 2.0  # s for which what the model says of itself counts after it was heard
 # s for which a loop's lateness is shown after it was heard: it comes once a second, three may be lost
@@ -45,12 +43,6 @@ _COUNTED = {
 }
 """Kinds of counters, by what their names hold; the first that fits."""
 
-_LEADS = {
-    "": "nobody yet",
-    "zoh": "zero-order hold: the newest force that arrived",
-}
-_TICK_US = 1000.0  # us, period of a loop at 1 kHz
-
 
 def numbers(view: AxisView, now_ns: int) -> Card:
     """Texts of the large figures: felt, predicted and measured force, delay; `UNKNOWN` or empty where none is
@@ -59,7 +51,6 @@ def numbers(view: AxisView, now_ns: int) -> Card:
     haptics, force = view.newest.haptics, view.newest.force
     fresh = _fresh(view, HAPTICS.name, now_ns)
     felt = haptics if fresh else None
-    leading = felt.leading if felt else ""
     received = force if _fresh(view, FORCE.name, now_ns) and force is not None and force.valid else None
     return {
         "felt": _number_n(felt.rendered_n if felt else None),
@@ -70,25 +61,21 @@ def numbers(view: AxisView, now_ns: int) -> Card:
         "measured": _number_n(felt.zoh_n if felt else received.force_n if received else None),
         "age": "" if felt is None or felt.force_age_s is None else f"{quantity(felt.force_age_s, 's')} old",
         "delay": UNKNOWN if felt is None or felt.delay_s is None else f"{1e3 * felt.delay_s:.0f}",
-        "leading": _LEADS.get(leading, printable(leading).replace("_", " ")),
     }
 
 
 def gain(view: AxisView, now_ns: int) -> Card:
-    """Rms error of the prediction beside that of the late force; level `off` until enough were compared."""
+    """Rms error of the prediction beside that of the late force; level `good` where it is smaller."""
     errors = view.comparison.errors(view.timeline.now_s(now_ns))
     delays_s = view.delays.rows()[-_TICKS_OF_DELAY:, 1]
     if errors is None or not len(delays_s):
-        return {
-            "level": "off",
-            "head": "not judged yet",
-            "more": "no force has answered a command yet",
-        }
+        return {"level": "off", "name": "error of the prediction", "error": UNKNOWN, "more": "not judged yet"}
     predicted, late = (f"{1e3 * error_n:.{1 if error_n < 0.00995 else 0}f}" for error_n in errors)
     return {
-        "level": "good" if errors.predicted_n < errors.late_n else "warn",
-        "head": f"{1e3 * float(np.median(delays_s)):.0f} ms ahead: error {predicted} mN in place of {late}",
-        "more": f"rms of the last {COMPARED_S} s",
+        "level": "good" if errors.predicted_n < errors.late_n else "off",
+        "name": f"error, {1e3 * float(np.median(delays_s)):.0f} ms ahead",
+        "error": predicted,
+        "more": f"the late force has {late} mN",
     }
 
 
@@ -103,29 +90,14 @@ def banner(view: AxisView) -> Card:
     }
 
 
-def status_lights(view: AxisView, now_ns: int) -> list[Card]:
-    return [light._asdict() for light in lights(view, now_ns)]
-
-
-def delay(view: AxisView, now_ns: int) -> Card:
-    """Histogram and quantiles in ms of the round trips of the last minute; empty lists and a sentence without
-    any.
-    """
+def delay(view: AxisView, now_ns: int) -> str:
+    """Text with the quantiles in ms of the round trips of the last minute, or that there are none."""
     rows = view.delays.rows()
     delays_s = rows[rows[:, 0] > now_ns * 1e-9 - SPAN_S, 1]
     if not len(delays_s):
-        return {"edges_ms": [], "counts": [], "words": "no answered command in the last minute"}
-    p50, p99, most = np.quantile(delays_s, [0.5, 0.99, 1.0])
-    counts, edges = _histogram(delays_s)
-    words = f"median {1e3 * p50:.4g} · 99 % {1e3 * p99:.4g} · most {1e3 * most:.4g} ms"
-    return {"edges_ms": [round(1e3 * edge, 3) for edge in edges], "counts": counts, "words": words}
-
-
-def _histogram(delays_s: Floats) -> tuple[list[int], list[float]]:
-    low, high = np.quantile(delays_s, [0.0, 0.999])
-    spare_s = max(0.0, _LEAST_SPREAD_S - (high - low)) / 2
-    counts, edges = np.histogram(delays_s, bins=_BINS, range=(max(0.0, low - spare_s), high + spare_s))
-    return counts.tolist(), edges.tolist()
+        return "no answered command in the last minute"
+    p50, p99, most = 1e3 * np.quantile(delays_s, [0.5, 0.99, 1.0])
+    return f"median {p50:.4g} · 99 % {p99:.4g} · most {most:.4g} ms"
 
 
 def model(view: AxisView, now_ns: int) -> Card:
@@ -188,19 +160,21 @@ def energy(view: AxisView, now_ns: int) -> Card:
 
 
 def watch(view: AxisView, now_ns: int) -> Card:
-    """Alarm of a wrong model (`warn`) with its worst signs, else the present ones (`good`, `off` where
-    nothing is known). `since_s`: begin of the alarm on the listener's clock, or None.
+    """Answer whether the model fits: no (`warn`), with the worst signs of the alarm, else by the present ones
+    yes (`good`), not yet (`busy`) or unknown (`off`). `since_s`: begin of the alarm on the listener's clock.
     """
     alarm, now_s = view.watch.alarm, view.timeline.now_s(now_ns)
     if alarm is None:
         signs = view.watch.signs if _fresh(view, PARAMETERS.name, now_ns, _MODEL_S) else Signs()
-        level, since_s, how, word, next_ = "good", None, "", "no change in sight", ""
+        level, since_s, how, word, next_ = "good", None, "", "Yes", ""
         if signs.innovation_ratio is None:
-            level, word, next_ = "off", "nothing to judge by", "It needs a hand that moves."
+            level, word, next_ = "off", "Not known yet", "It needs a hand that moves."
+        elif view.watch.misses_band:
+            level, word, next_ = "busy", "Not yet", "It learns while the hand moves."
     else:
         signs, how = Signs(alarm.innovation_ratio, alarm.outside_share), "at worst "
         level, since_s = "warn", round(now_ns * 1e-9 - (now_s - alarm.since_s), 1)
-        word, next_ = "the model is wrong", "forefeel diagnose names the cause, from the recording."
+        word, next_ = "No", "forefeel diagnose names the cause, from the recording."
     parts = []
     if signs.innovation_ratio is not None:
         parts.append(f"errors of the model {how}{signs.innovation_ratio:.1f} × the usual")
@@ -217,14 +191,12 @@ def loops(view: AxisView, now_ns: int) -> list[Card]:
 
 
 def _loop(role: str, timing: LoopTiming | None) -> Card:
-    """Card of the lateness of one loop, with a level by the share of missed ticks and p99; None: not heard,
-    `off`.
-    """
+    """Card of the lateness of one loop, with a level by the share of missed ticks; None: not heard, `off`."""
     if timing is None:
         return {"who": role, "level": "off", "word": "not heard", "p50": UNKNOWN, "p99": UNKNOWN,
                 "max": UNKNOWN, "missed": UNKNOWN}  # fmt: skip
     share = timing.missed / max(1, timing.ticks + timing.missed)
-    level: Level = "bad" if share > 0.05 else "warn" if share > 0.001 or timing.p99_us > _TICK_US else "good"
+    level: Level = "bad" if share > 0.05 else "warn" if share > FEW_MISSED else "good"
     word = {"good": "on time", "warn": "late", "bad": "misses"}[level]
     return {
         "who": role,
@@ -252,11 +224,6 @@ def counted(view: AxisView, now_ns: int, local: Mapping[str, int] = {}) -> str:
     missing = [t.publisher for t in (SLAVE_STATE, MASTER_STATE) if not _fresh(view, t.name, now_ns)]
     caveats = {printable(caveat) for state in states if state is not None for caveat in state.caveats}
     return " · ".join([*parts, *sorted(caveats), *(f"{publisher} not heard now" for publisher in missing)])
-
-
-def events(log: EventList) -> list[Card]:
-    """Lines of the event list, newest first."""
-    return [line._asdict() for line in reversed(list(log))]
 
 
 def _fresh(view: AxisView, topic: str, now_ns: int, most_s: float = _FRESH_S) -> bool:

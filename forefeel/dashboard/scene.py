@@ -15,6 +15,7 @@ class Scene(BaseModel):
         recording: shown in place of the live cell.
         pages: HTML files that the page links to, by the words of the link.
         vessel: drawn by the page; None: that of the recording, if it holds one.
+        waits: what goes on in place of a cell that is not there; nothing else is shown meanwhile.
         stays: the last one is served until a signal, not only until nobody looks.
     """
 
@@ -24,4 +25,5 @@ class Scene(BaseModel):
     recording: Path | None = None
     pages: dict[str, Path] = {}
     vessel: VesselSettings | None = None
+    waits: str = ""
     stays: bool = False

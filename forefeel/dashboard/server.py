@@ -22,7 +22,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from forefeel.child_process import die_with_parent, listening_at
+from forefeel.child_process import die_with_parent, listening_at, next_listening
 from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import RunError
 from forefeel.common.messages import SafetyState
@@ -109,7 +109,8 @@ def run_dashboard(
 
 def run_view(file: Path, address: str, port: int, opens: bool, vessel: VesselSettings | None) -> None:
     """Serves the page of a recording, and the results that lie beside it, until SIGINT, SIGTERM or SIGHUP,
-    which end the process at once. Lowers the process's priority; `opens`: in a browser.
+    which end the process at once. Lowers the process's priority; `opens`: in a browser. Where the port is
+    taken it is the next free one.
 
     Raises:
         InputError: the file or the port can not be used.
@@ -119,7 +120,7 @@ def run_view(file: Path, address: str, port: int, opens: bool, vessel: VesselSet
     pages = {words: path for words, path in beside.items() if path.is_file()}
     endpoint = Endpoint(None, Scene(recording=file, pages=pages, vessel=vessel))
     _lower_priority()
-    with signal_flag(_end_at_once), listening_at(address, port) as listening:
+    with signal_flag(_end_at_once), next_listening(address, port) as listening:
         _serve(listening, address, endpoint, str(file), opens, _failure(()))
 
 

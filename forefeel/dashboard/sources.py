@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,12 +12,12 @@ from forefeel.common.clock import Clock
 from forefeel.common.errors import RecordingError
 from forefeel.common.events.text import span
 from forefeel.common.recording.mcap_spans import RunSpans
-from forefeel.common.topics import BY_NAME
+from forefeel.common.topics import BY_NAME, COMMAND
 from forefeel.dashboard.cell_view import UNREAD, CellView
 from forefeel.dashboard.feed import Answer, Feed
-from forefeel.dashboard.indicators import silent_s
 from forefeel.dashboard.trace import SPAN_S
 
+_SILENT_NS = 2_000_000_000  # after which a cell counts as silent
 LEAD_S = 20.0  # s that are read of a recording before the place asked for
 _TOPICS = [topic for name, topic in BY_NAME.items() if name not in UNREAD]
 
@@ -34,6 +35,11 @@ class Ask(BaseModel):
 Viewer = Callable[[Ask], Answer]
 
 
+def nothing(now_ns: int, why: str) -> Answer:
+    """Answer without an axis, and the reason."""
+    return {"axes": [], "axis": None, "clock_s": now_ns * 1e-9, "silence": {"word": why}}
+
+
 class LiveCell:
     """A live cell. Messages come in one thread, pages ask in another.
 
@@ -48,10 +54,10 @@ class LiveCell:
         self._cause = ""  # why nothing was heard yet
         self.begin()
 
-    def begin(self) -> None:
-        """Forgets what was heard: another run of the cell is to come."""
+    def begin(self, waits: str = "") -> None:
+        """Forgets what was heard: another run of the cell is to come; until then `waits` is shown."""
         with self._lock:
-            self._cell, self._since_ns = CellView(), self._clock.now_ns()
+            self._waits, self._cell, self._since_ns = waits, CellView(), self._clock.now_ns()
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
         with self._lock:
@@ -72,22 +78,25 @@ class LiveCell:
         def answer(ask: Ask) -> Answer:
             with self._lock:
                 now_ns = self._clock.now_ns()
+                if self._waits:
+                    return nothing(now_ns, self._waits)
                 return feed.answer(self._cell, ask.axis, now_ns) | {"silence": self._silence(now_ns)}
 
         return answer
 
     def _silence(self, now_ns: int) -> dict[str, Any] | None:
-        """Data for the page on a silence of more than 2 s: word, length, begin, endpoints with the cause;
-        None while something is heard.
+        """Data for the page on a cell that was not heard yet, or not for more than 2 s: word, length, begin,
+        endpoints with the cause; None while something is heard.
         """
         heard_ns = self._cell.heard_ns
-        quiet_s = silent_s(heard_ns, now_ns, self._since_ns)
-        if quiet_s is None:
+        quiet_ns = now_ns - (self._since_ns if heard_ns is None else heard_ns)
+        if heard_ns is not None and quiet_ns <= _SILENT_NS:
             return None
+        waits = f"Waits for master and slave of cell {self._name}"
         return {
-            "word": f"Cell {self._name}: {'nothing heard yet' if heard_ns is None else 'silent'}",
-            "for": span(quiet_s),
-            "since_s": round(now_ns * 1e-9 - quiet_s, 1),
+            "word": waits if heard_ns is None else f"Cell {self._name}: silent",
+            "for": span(quiet_ns * 1e-9),
+            "since_s": round((now_ns - quiet_ns) * 1e-9, 1),
             "where": f"{self._where}; {self._cause}" if self._cause else self._where,
         }
 
@@ -96,13 +105,18 @@ class Recorded:
     """A recording, for any number of viewers, each at its own time."""
 
     def __init__(self, path: Path) -> None:
-        self._spans = RunSpans(path)
+        self._spans, self._first_s = RunSpans(path), 0.0  # s, the first command
         self.metadata = self._spans.metadata
+        start_ns = self._spans.start_ns
+        commands = self._spans.between(start_ns, start_ns + round(LEAD_S * 1e9), [COMMAND])
+        with suppress(RecordingError):  # damaged there: the page says it
+            self._first_s = (next((command.log_ns for command in commands), start_ns) - start_ns) * 1e-9
 
     def facts(self) -> dict[str, Any]:
         spans = self._spans
         duration_s, zero_s = (spans.end_ns - spans.start_ns) * 1e-9, spans.start_ns * 1e-9
-        return {"cell": spans.cell, "file": spans.path.name, "duration_s": duration_s, "zero_s": zero_s}
+        return {"cell": spans.cell, "file": spans.path.name, "duration_s": duration_s, "zero_s": zero_s,
+                "first_s": self._first_s}  # fmt: skip
 
     def viewer(self) -> Viewer:
         """Makes a function that answers one page from its own place in the recording; a damaged place is told
@@ -114,7 +128,7 @@ class Recorded:
             try:
                 now_ns = replay.go_to(ask.at_s, ask.window_s)
             except RecordingError as error:
-                return {"axes": [], "axis": None, "clock_s": 0.0, "silence": {"word": str(error)}}
+                return nothing(0, str(error))
             return feed.answer(replay.cell, ask.axis, now_ns) | {"silence": None}
 
         return answer

@@ -1,7 +1,7 @@
 """Both daemons as processes over a real Zenoh session; this one records, shows progress and ends them."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import replace
 from pathlib import Path
@@ -33,10 +33,11 @@ def run_real(
     progress: AbstractContextManager[Show],
     emulators: Emulators,
     viewed_at: Sequence[str] = (),
+    on_end: Callable[[], object] = lambda: None,
 ) -> None:
     """Runs both daemons to the end and leaves out/recording.mcap; `progress` is entered when the daemons have
     started, and shown (seconds done, what happens). Writes settings and logs into `out`. `viewed_at`: where
-    slave and master listen for a dashboard.
+    slave and master listen for a dashboard; `on_end` is called before the daemons are ended.
 
     The master starts first, for it takes longest. The recorder listens before the slave starts, so that it
     hears all that both say to each other. The emulated devices are there before the daemons, and longer. A
@@ -70,6 +71,7 @@ def run_real(
             slave.start()
             with progress as show:
                 _watch(slave, master, recorder, plan, show, stop)
+            on_end()
         except KeyboardInterrupt:  # of `stop.check`: an error of what ends now goes first
             pass
         finally:

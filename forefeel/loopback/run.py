@@ -7,6 +7,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from forefeel.common.errors import ConfigurationError
+from forefeel.common.events.text import quantity
 from forefeel.dashboard.scene import Scene
 from forefeel.files import fresh_folder
 from forefeel.interrupt import ends_in_order, signal_flag
@@ -48,8 +49,11 @@ def run_loopback(
         answer(*ten_lines(report, folder), document=report.to_json)
         judge(report)
         suggest("diagnose", folder / RECORDING, out=folder / "diagnosis", overwrite=overwrite)
-        pages = {"report": (folder / REPORT).absolute()}
-        viewer.stay(Scene(head="The run has ended", recording=folder / RECORDING, pages=pages))
+        head, pages = "Ended", {"report": (folder / REPORT).absolute()}
+        if score := report.transparency:
+            felt, late = (quantity(size.rms_n, "N") for size in (score.felt, score.held))
+            head = f"Ended. Felt error {felt}; the late force has {late}"
+        viewer.stay(Scene(head=head, recording=folder / RECORDING, pages=pages))
 
 
 def judge(report: "RunReport") -> None:
@@ -89,7 +93,8 @@ def recorded_run(
         for note in plan.notes:
             say(note)
         viewer.serve()
-        viewer.show(viewer.scene.model_copy(update={"vessel": plan.vessel()}))
+        scene = viewer.scene.model_copy(update={"vessel": plan.vessel()})
+        viewer.show(scene)
         progress = bar(plan.expected_s, "{task.completed:5.1f} / {task.total:.1f} s")
         if virtual:
             with progress as show:
@@ -97,7 +102,9 @@ def recorded_run(
         else:
             with TemporaryDirectory(prefix="forefeel-") as ports:  # short, for sockets have short names
                 plan, emulators = on_bench(plan, options.hardware, Path(ports), folder, options.seed)
-                run_real(plan, folder, progress, emulators, viewer.endpoints if viewer.url else ())
+                at = viewer.endpoints if viewer.url else ()
+                after = scene.model_copy(update={"waits": "The run has ended. Its report is being written"})
+                run_real(plan, folder, progress, emulators, at, lambda: viewer.show(after))
             written.append(RECORDING)
         from forefeel.report.page import write_report  # noqa: PLC0415 - as above
 

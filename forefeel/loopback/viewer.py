@@ -4,7 +4,7 @@ import sys
 from importlib.util import find_spec
 from pathlib import Path
 
-from forefeel.child_process import ChildProcess, free_endpoints, listening_at
+from forefeel.child_process import ChildProcess, free_endpoints, next_listening
 from forefeel.common.errors import EndpointError
 from forefeel.dashboard.scene import Scene
 from forefeel.interrupt import signal_flag
@@ -23,7 +23,7 @@ class DashboardProcess(ChildProcess):
         out: where its log goes, when it starts.
         opens: the page in the browser.
         wanted: False for one that never starts.
-        port: where the page is served if it is free, else at any.
+        port: where the page is served, or at the next free one.
 
     Attributes:
         endpoints: where it connects to the slave and to the master of each run.
@@ -53,16 +53,13 @@ class DashboardProcess(ChildProcess):
             say("dashboard: needs an extra: pip install 'forefeel[dashboard]'")
             return
         try:
-            listening = listening_at("127.0.0.1", self._port)
-        except EndpointError:
-            listening = listening_at("127.0.0.1", 0)
-        try:
-            with listening:  # a page opened before it is served waits, and is not refused
+            # a page opened before it is served waits, and is not refused
+            with next_listening("127.0.0.1", self._port) as listening:
                 self.start(listening)
                 self.url = f"http://127.0.0.1:{listening.getsockname()[1]}/"
             say(f"dashboard at {self.url}")
-        except OSError as error:
-            say(f"dashboard: {error.strerror or error}")
+        except (OSError, EndpointError) as error:
+            say(f"dashboard: {getattr(error, 'strerror', None) or error}")
 
     def show(self, scene: Scene, last: bool = False) -> None:
         """Shows that scene from now on; after the last one no other can follow."""

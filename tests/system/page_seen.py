@@ -27,10 +27,11 @@ def page_seen(folder: Path) -> Result:
         wait_until(lambda: _LINK.search(process.text), PATIENCE_S, "the link of the page")
         url = _LINK.findall(process.text)[0]
         with installed_chromium(folder) as chromium, Shown(chromium, url) as shown:
-            shown.until(lambda: shown.text("gain").count("mN") == 1, "the gain")
+            shown.until(lambda: shown.text("gain") != "–", "the gain")
             shown.page.wait_for_timeout(12_000)  # a stroke and a half
             figures = (
-                f"ghost {_ghost_s(shown):.3f} s late, {shown.text('delay')} ms shown; {shown.text('gain')}"
+                f"ghost {_ghost_s(shown):.3f} s late, {shown.text('delay')} ms shown; "
+                f"error {shown.text('gain')} mN, {shown.text('gain-more')}"
             )
             failures = [*_live(shown, url), *_stopped(shown), *_ended(shown), *shown.errors]
     finally:
@@ -86,7 +87,7 @@ def _stopped(shown: Shown) -> Iterator[str]:
 
 
 def _ended(shown: Shown) -> Iterator[str]:
-    shown.until(lambda: shown.text("scene") == "The run has ended", "the end of the run")
+    shown.until(lambda: shown.text("scene").startswith("Ended"), "the end of the run")
     yield from _unless(shown.text("connection") == "", f"an alarm at the end: {shown.text('connection')}")
     shown.page.reload()
     shown.until(lambda: shown.ask("forefeel.traces.rows.measured?.length > 10"), "the replay")

@@ -20,7 +20,7 @@ export function showCards(cards, charts, when, goTo) {
     standing: showLights,
     watch: (card) => showWatch(card, when),
     energy: showEnergy,
-    delay: (card) => { tell("delay-words", card.words); charts.delays(card); },
+    delay: (words) => tell("delay-words", words),
     model: (card) => { charts.friction = card.friction; showModel(card); },
     loops: showLoops,
     counted: (words) => tell("counted", words),
@@ -34,7 +34,6 @@ function showNumbers(card) {
   tell("band", card.band);
   tell("age", card.age);
   tell("limited", card.limited ? "▲ limited" : "");
-  tell("leading", card.leading ? `leads: ${card.leading}` : "");
 }
 
 export function showBanner(card) {
@@ -45,7 +44,8 @@ export function showBanner(card) {
 
 function showGain(card) {
   level(node("gain"), card.level);
-  tell("gain", card.head);
+  tell("gain-name", card.name);
+  tell("gain", card.error);
   tell("gain-more", card.more);
 }
 
@@ -71,8 +71,8 @@ function showWatch(card, when) {
 }
 
 function showEnergy(card) {
-  tell("energy", `${MARKS[card.level]} ${card.value}`);
-  field("energy").style.color = `var(--${card.level})`;
+  mark("energy-mark", card.level);
+  tell("energy", card.value);
   tell("energy-words", card.words);
 }
 
@@ -94,6 +94,7 @@ function knownCell(known) {
 }
 
 function showLoops(loops) {
+  mark("loops-mark", ["bad", "warn", "good"].find((each) => loops.some((loop) => loop.level === each)) ?? "off");
   const head = row(["", "median", "99 %", "most", "missed"].map((text, index) => cell(text, index ? "n" : "", "th")));
   node("loops").replaceChildren(head, ...loops.map((loop) => {
     const who = cell("", loop.level);
@@ -112,6 +113,11 @@ function showEvents(events, when, goTo) {
     return line;
   });
   node("events").replaceChildren(...(rows.length ? rows : [row([cell("none since this page's server listens")])]));
+}
+
+function mark(name, of) {
+  tell(name, MARKS[of]);
+  field(name).className = `mark ${of}`;
 }
 
 function level(element, name) {

@@ -11,11 +11,10 @@ const FRESH_S = 1; // so long the newest value stands where none follows
 const DOTTED = [0.1, 5], DASHED = [7, 5];
 
 export class Charts {
-  constructor(force, delays, picture, wants) {
-    Object.assign(this, { force, delayed: delays, picture, frame: null, hover: null, picked: null });
+  constructor(force, position, picture, wants) {
+    Object.assign(this, { force, position, picture, frame: null, hover: null, picked: null });
     Object.assign(this, { vessel: null, friction: {}, late_ms: null, reach_mm: [], rows: null });
     this.ranges = [new Range(0.05, 5), new Range(0.05, 2), new Range(0.5, 3)];
-    this.card = { edges_ms: [], counts: [] };
     const hover = (x, from = null) => {
       this.hover = x;
       this.picked = x === null ? null : from;
@@ -31,28 +30,33 @@ export class Charts {
     const millimetres = (rows) => rows.map(([t, v]) => [t, v === null ? null : 1e3 * v]);
     const predicted = of("predicted"), late = of("late");
     const line = (name, colour, rows, more = {}) => ({ name, colour, rows, digits: 3, ...more });
+    // one that is scaled for the hand would dwarf the others
+    const [most_n, most_felt_n] = this.ranges.map((range) => Math.max(-range.min, range.max));
+    const by = most_felt_n > 3 * most_n ? nice(most_felt_n / most_n) : 1;
+    const felt = line(by === 1 ? "felt" : `felt / ${by}`, "felt", of("felt").map(([t, v]) => [t, v === null ? null : v / by]), { width: 5, alpha: 0.55 });
     const panels = [
       {
-        weight: 6.5, title: "force at the catheter, N",
+        title: "force at the catheter, N",
         bands: [
           { colour: "late", alpha: 0.13, rows: late.map(([t, held, ahead]) => [t, held, ahead]) },
           { colour: "predicted", alpha: 0.26, rows: predicted.map(([t, , low, high]) => [t, low, high]) },
         ],
         lines: [
-          line("late, without forefeel", "late", late, { width: 1.8, dash: DASHED, alpha: 0.8 }),
+          felt,
+          line("late", "late", late, { width: 1.8, dash: DASHED, alpha: 0.8 }),
           line("predicted", "predicted", predicted),
           line("measured", "measured", of("measured"), { width: 2.4, dash: DOTTED }),
         ],
       },
-      { weight: 1.5, title: "force, N", lines: [line("felt by the hand", "felt", of("felt"), { width: 2.2 })] },
       {
-        weight: 2, title: "position, mm", lines: [
+        title: "mm", lines: [
           line("commanded", "predicted", millimetres(of("commanded")), { digits: 2 }),
           line("read back", "readback", millimetres(of("readback")), { digits: 2, dash: DASHED }),
         ],
       },
     ];
-    panels.forEach((panel, index) => { panel.y = this.ranges[index].of(panel.lines.map((each) => each.rows)); });
+    this.ranges[1].of([of("felt")]);
+    [panels[0].y, panels[1].y] = [this.ranges[0].of(panels[0].lines.map((each) => each.rows)), this.ranges[2].of(panels[1].lines.map((each) => each.rows))];
     if (this.picked !== null) {
       for (const panel of panels) panel.spans = [{ from: this.picked, to: this.hover, colour: "soft" }];
     }
@@ -62,8 +66,9 @@ export class Charts {
       return [end - (quarter * window_s) / 4, s === 0 ? "now" : `−${s} s`];
     });
     const hover = this.hover !== null && this.hover >= start && this.hover <= end ? this.hover : null;
-    this.frame = draw(this.force, { x: { min: start, max: end, ticks }, panels, hover });
-    this.delays(this.card);
+    const x = { min: start, max: end, ticks };
+    this.frame = draw(this.force, { x, panels: panels.slice(0, 1), hover });
+    draw(this.position, { x, panels: panels.slice(1), hover });
     this.instrument(traces, hover ?? end);
   }
 
@@ -86,13 +91,6 @@ export class Charts {
       predicted_mn: milli(at("predicted", t_s)), felt_mn: milli(at("felt", t_s)), measured_mn: milli(at("late", t_s)),
     };
     drawVessel(this.picture, this.drawn);
-  }
-
-  delays(card) {
-    this.card = card;
-    const rows = card.counts.map((count, index) => [card.edges_ms[index], card.edges_ms[index + 1], count]);
-    const x = rows.length ? { min: card.edges_ms[0], max: card.edges_ms.at(-1) } : { min: 0, max: 1, ticks: [] };
-    draw(this.delayed, { x, panels: [{ hidesY: true, bars: [{ colour: "predicted", rows }] }] });
   }
 }
 

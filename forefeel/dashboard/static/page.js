@@ -5,7 +5,7 @@ import { Traces } from "./traces.js";
 import { showBanner, showCards, field, node, tell } from "./cards.js";
 
 const PERIOD_MS = 31; // of two frames at 60 Hz
-const AGAIN_MS = 700;
+const AGAIN_MS = 700, STILL_MS = 1000;
 const WINDOWS_S = [2, 5, 10, 20, 30, 60];
 const SHORTEST_S = 0.2, KEPT_S = 60;
 const THEME = "forefeel-theme";
@@ -46,6 +46,7 @@ function take(answer) {
   page.offset_ms = Date.now() - 1e3 * answer.clock_s;
   showAxes(answer.axes, answer.axis);
   showSilence(answer.silence);
+  document.body.classList.toggle("waits", answer.axis === null);
   if (answer.axis === null) return;
   if (answer.anew) traces.clear();
   traces.take(answer.traces, answer.now_s);
@@ -56,7 +57,7 @@ function take(answer) {
 }
 
 function begin() {
-  const { cell, file, duration_s, scene } = page.facts;
+  const { cell, file, duration_s, first_s, scene } = page.facts;
   tell("connection", "");
   showScene(scene);
   tell("cell", file ?? cell);
@@ -68,7 +69,7 @@ function begin() {
   field("about").hidden = Boolean(file);
   if (file) {
     node("slider").max = duration_s;
-    seek(page.at_s || Math.min(duration_s / 2, page.window_s));
+    seek(page.at_s || first_s);
   }
   showPaused();
 }
@@ -88,7 +89,8 @@ function frame(now_ms) {
 
 function ask(now_ms) {
   if (page.paused && !replays()) return;
-  if (replays() && page.paused && page.asked_at_s === page.at_s) return;
+  // a recording that stands asks, too: another scene may have begun
+  if (replays() && page.paused && page.asked_at_s === page.at_s && now_ms - asked_ms < STILL_MS) return;
   asked_ms = now_ms;
   waits = true;
   page.asked_at_s = page.at_s;
@@ -239,7 +241,7 @@ function listen() {
   });
   for (const [name, act] of [
     ["pause", () => pause(!page.paused)], ["play", () => pause(!page.paused)],
-    ["nearer", () => zoom(-1)], ["farther", () => zoom(1)], ["keys", help], ["theme", changeTheme], ["stop", stop],
+    ["keys", help], ["theme", changeTheme], ["stop", stop],
   ]) node(name).addEventListener("click", (event) => { act(); event.currentTarget.blur(); });
   node("help").addEventListener("click", () => node("help").close());
   node("axis").addEventListener("change", (event) => { choose(event.target.value); event.target.blur(); });
@@ -272,6 +274,7 @@ function showAxes(axes, axis) {
 function showScene({ head, pages }) {
   node("scene").hidden = !head && !pages.length;
   tell("scene", head);
+  document.title = head ? `forefeel: ${head}` : "forefeel";
   node("pages").replaceChildren(...pages.map((words) => {
     const link = document.createElement("a");
     Object.assign(link, { href: `results/${encodeURIComponent(words)}`, textContent: words, target: "_blank" });
@@ -287,8 +290,9 @@ function showSilence(silence) {
   tell("silence-where", silence.where ? `listening at ${silence.where}` : "");
 }
 
-page.charts = charts = new Charts(node("force"), node("delays"), node("picture"), wants);
-new ResizeObserver(() => { dirty = true; }).observe(node("force"));
+page.charts = charts = new Charts(node("force"), node("position"), node("picture"), wants);
+const resized = new ResizeObserver(() => { dirty = true; });
+for (const name of ["force", "position"]) resized.observe(node(name));
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => { dirty = true; });
 showTheme(stored((storage) => storage.getItem(THEME)));
 listen();

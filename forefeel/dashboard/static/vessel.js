@@ -10,7 +10,7 @@
 import { nice } from "./chart.js";
 import { colour, prepare } from "./layers.js";
 
-const LANE_PX = 18, AXIS_PX = 22, WALL_PX = 8, STEP_PX = 4, THINNEST_PX = 3.5, MARK_MM = 10, STILL_MM = 0.3, HATCH_PX = 7, HEAD_PX = 10;
+const LANE_PX = 18, AXIS_PX = 22, WALL_PX = 8, STEP_PX = 4, THINNEST_PX = 3.5, MARK_MM = 10, STILL_MM = 0.3, LEAST_MM = 20, HATCH_PX = 7, HEAD_PX = 10;
 const LINE = { instrument_radius_mm: 1, lumen_radius_mm: {}, landmarks_mm: {}, to_scale: true };
 const inMn = (mn, most_mn) => `${mn.toFixed(most_mn < 50 ? 1 : 0).replace("-", "\u2212")} mN`;
 
@@ -40,7 +40,7 @@ export function showVessel(canvas, spec) {
 /** As deep as the instrument has been, and ahead of it as much as arrows need. */
 function shown({ vessel, reach_mm: [low, high] }) {
   const start = vessel ? 0 : low, known = vessel ? Math.max(0, ...Object.values(vessel.landmarks_mm)) : low;
-  const wanted = Math.max(1.7 * (high - start), 1.15 * (known - start), 1e-3), step = nice(wanted / 8);
+  const wanted = Math.max(1.7 * (high - start), 1.15 * (known - start), LEAST_MM), step = nice(wanted / 8);
   const max = start + step * Math.ceil(wanted / step - 1e-6);
   return { min: start - 0.14 * (max - start), max };
 }

@@ -4,8 +4,17 @@ import numpy as np
 import pytest
 
 from forefeel.common.codec import encode
+from forefeel.common.events.text import CONTACT_LOST, OVER_LIMIT
 from forefeel.common.messages import ForceSample, Grip
-from forefeel.common.topics import COMMAND, FORCE, HAPTICS, LIMIT_EVENT, SAFETY_EVENT, SLAVE_STATE
+from forefeel.common.topics import (
+    COMMAND,
+    FORCE,
+    HAPTICS,
+    LIMIT_EVENT,
+    SAFETY_EVENT,
+    SLAVE_HANDSHAKE,
+    SLAVE_STATE,
+)
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.cell_view import BEYOND, MOST_AXES, CellView
 from forefeel.dashboard.event_log import MOST
@@ -93,7 +102,24 @@ def test_events_are_kept_in_words_and_bounded() -> None:
     assert len(lines) == MOST
     assert lines[-1].text == f"armed -> stopping, watchdog: {HOSTILE}?[2J?"
     assert lines[-2].text == f"velocity limited: 200 mm/s in place of 300 mm/s, {3 * MOST} times"
-    assert lines[-1].level == "warn"
+    assert (lines[-1].level, lines[-2].level) == ("warn", "off")
+
+
+def test_amber_is_what_asks_for_an_act() -> None:
+    view = AxisView()
+    for topic, changes in (
+        (LIMIT_EVENT, {"rule": "rendered_force"}),
+        (LIMIT_EVENT, {"rule": OVER_LIMIT}),
+        (LIMIT_EVENT, {"rule": CONTACT_LOST}),
+        (SAFETY_EVENT, {"event": "release", "after": "stopping"}),
+        (SLAVE_HANDSHAKE, {"accepted": False}),
+        (SLAVE_STATE, {}),
+        (SLAVE_STATE, {"stamp_ns": S // 2}),
+        (SLAVE_STATE, {"stamp_ns": 2 * S}),
+    ):
+        view.take(topic, usual(topic, **changes), S)
+    assert [line.level for line in view.events] == ["off", "warn", "warn", "busy", "warn", "warn"]
+    assert list(view.events)[-1].text == "slave was silent for 1.5 s"
 
 
 def test_axes_of_strangers_are_bounded() -> None:

@@ -149,21 +149,20 @@ def test_a_page_beyond_the_viewers_takes_the_place_of_the_oldest_that_asked_noth
 
 
 def test_each_page_of_a_recording_has_its_own_time(tmp_path: Path) -> None:
-    run = write(tmp_path / "run.mcap", 4)
+    run = write(tmp_path / "run.mcap", 6)
     facts, early, late = recorded(run, {"at_s": 1.0}, {"at_s": 3.5})
     assert (facts["file"], facts["cell"]) == ("run.mcap", CELL)
-    assert facts["duration_s"] == pytest.approx(4.0, abs=0.01)
+    assert (facts["duration_s"], facts["first_s"]) == pytest.approx((6.0, 5.0), abs=0.01)
     assert late["now_s"] - early["now_s"] == pytest.approx(2.5, abs=1e-3)
     assert early["clock_s"] - facts["zero_s"] == pytest.approx(1.0, abs=1e-6)
 
 
 def test_damage_in_a_recording_is_said_on_the_page(tmp_path: Path) -> None:
     path = write(tmp_path / "run.mcap", 3)
-    served = Endpoint(None, Scene(recording=path))
     content = bytearray(path.read_bytes())
     content[len(content) // 2] ^= 0xFF
     path.write_bytes(content)
-    _, answer = conversed(served, '{"at_s": 3.0}').told
+    _, answer = conversed(Endpoint(None, Scene(recording=path)), '{"at_s": 3.0}').told
     assert "damaged" in answer["silence"]["word"]
 
 
@@ -171,11 +170,14 @@ def test_next_scene_begins_with_its_facts(live: tuple[Endpoint, VirtualClock], t
     pages = {"report": tmp_path / "report.html"}
     ended = Scene(head="ended", recording=write(tmp_path / "run.mcap", 3), pages=pages)
     at_2_s = '{"at_s": 2.0}'
-    _, second, shown, third, last = conversed(
-        live[0], partial(live[0].tell, ended), "{}", at_2_s, partial(live[0].tell, Scene()), "{}", "{}"
+    tell = partial(partial, live[0].tell)
+    _, second, shown, _, between, third, last = conversed(
+        live[0], tell(ended), "{}", at_2_s, tell(Scene(waits="x")), "{}", "{}", tell(Scene()), "{}", "{}"
     ).told
     facts = second["facts"]
     assert (facts["file"], facts["scene"]) == ("run.mcap", {"head": "ended", "pages": ["report"]})
     assert shown["traces"]["felt"]
+    assert (between["axes"], between["silence"]) == ([], {"word": "x"})
     assert third["facts"]["file"] is None
     assert last["axes"] == []  # nothing of the run before
+    assert last["silence"]["word"] == f"Waits for master and slave of cell {CELL}"

@@ -55,6 +55,13 @@ def test_a_wire_that_gives_way_at_the_gripper_is_a_warning(
     assert texts[1].startswith(more)
 
 
+@pytest.mark.parametrize(("slave", "master"), [({}, None), (None, {}), (None, None)])
+def test_an_end_that_was_not_heard_yet_is_no_alarm(
+    slave: dict[str, object] | None, master: dict[str, object] | None
+) -> None:
+    assert told(slave, master)["link"][:2] == ("off", "waits")
+
+
 def test_silence_is_no_state() -> None:
     found = told({}, {}, later_s=3.2)
     assert found["link"][:2] == ("bad", "silent")
@@ -73,8 +80,15 @@ def test_who_holds_the_lease(slave: dict[str, object], master: dict[str, object]
 
 def test_why_there_is_no_session() -> None:
     found = told({}, {"indication": "no_session", "reason": "settings differ: max_force_n"})
-    assert found["link"][0] == "bad"
+    assert found["link"][0] == "warn"
     assert "max_force_n" in found["link"][2]
+    assert (
+        told({}, {"indication": "no_session", "reason": "no answer from the slave for 2.0 s"})["link"][0]
+        == "off"
+    )
+    view, now_ns = viewed(0.1)  # which had a session
+    view.newest.master = usual(MASTER_STATE, indication="no_session", reason="")
+    assert lights(view, now_ns)[0][1:3] == ("bad", "no link")
     assert told({}, {"indication": "handle_fault", "reason": "unplugged"})["link"][1] == "handle fault"
 
 
@@ -118,17 +132,13 @@ def test_figures_are_those_of_the_messages() -> None:
     assert found["predicted"] == f"{view.newest.haptics.predicted_n:.3f}"
     assert found["measured"] == f"{view.newest.haptics.zoh_n:.3f}"
     assert found["delay"] == "300"
-    assert found["leading"] == "friction, recent"
-    assert set(panels.numbers(view, now_ns + S).values()) <= {"–", "", False, "nobody yet"}
+    assert set(panels.numbers(view, now_ns + S).values()) <= {"–", "", False}
 
 
 def test_the_delay_is_that_of_the_last_minute() -> None:
     view, now_ns = viewed(2.0)
-    found = panels.delay(view, now_ns)
-    assert "300" in found["words"]
-    assert sum(found["counts"]) == len(view.delays.rows())
-    assert len(found["edges_ms"]) == len(found["counts"]) + 1
-    assert panels.delay(view, now_ns + 61 * S)["counts"] == []
+    assert panels.delay(view, now_ns) == "median 300 · 99 % 300 · most 300 ms"
+    assert panels.delay(view, now_ns + 61 * S).startswith("no answered command")
 
 
 def test_what_is_known_of_the_model() -> None:
@@ -160,20 +170,26 @@ def test_a_loop_that_misses_ticks_is_said() -> None:
     assert {loop["word"] for loop in panels.loops(view, now_ns + 4 * S)} == {"not heard"}
 
 
-def test_gain_is_error_in_place_of_late_error() -> None:
+def test_gain_is_error_beside_late_error() -> None:
     view, now_ns = viewed(3.0)
-    assert panels.gain(view, now_ns)["head"] == "300 ms ahead: error 0.0 mN in place of 132"
+    assert panels.gain(view, now_ns) == {
+        "level": "good", "name": "error, 300 ms ahead", "error": "0.0", "more": "the late force has 132 mN",
+    }  # fmt: skip
     for unjudged, at_ns in ((view, now_ns + 30 * S), viewed(0.5)):
-        assert panels.gain(unjudged, at_ns)["head"] == "not judged yet"
+        assert panels.gain(unjudged, at_ns)["error"] == "–"
 
 
 def test_watch_says_since_when_the_model_is_wrong() -> None:
     view, now_ns = viewed(3.0)
-    assert panels.watch(view, now_ns)["level"] == "good"
-    assert panels.watch(view, now_ns + 3 * S)["word"] == "nothing to judge by"
+    assert panels.watch(view, now_ns)["word"] == "Yes"
+    assert panels.watch(view, now_ns + 3 * S)["word"] == "Not known yet"
+    for tick in range(2000):
+        view.watch.innovation(view.timeline.now_s(now_ns) + 1e-3 * tick, 0.01)
+        view.watch.force(view.timeline.now_s(now_ns) + 1e-3 * tick, outside=True)
+    assert panels.watch(view, now_ns)["word"] == "Not yet"
     view.watch.alarm = Alarm(view.timeline.now_s(now_ns) - 5.0, 3.2, 0.4)
     card = panels.watch(view, now_ns)
-    assert (card["word"], card["level"]) == ("the model is wrong", "warn")
+    assert (card["word"], card["level"]) == ("No", "warn")
     assert card["since_s"] == pytest.approx(now_ns * 1e-9 - 5.0, abs=0.06)
     assert card["signs"].startswith("errors of the model at worst 3.2 × the usual · 40 % of the forces")
     assert "forefeel diagnose" in card["next"]

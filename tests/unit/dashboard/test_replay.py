@@ -9,7 +9,7 @@ from forefeel.common.errors import RecordingError
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.mcap_spans import RunSpans
 from forefeel.common.recording.mcap_writer import RunWriter
-from forefeel.common.topics import FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
+from forefeel.common.topics import COMMAND, FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
 from forefeel.dashboard.feed import Feed
 from forefeel.dashboard.sources import LEAD_S, ReplayClock
 from tests.messages import usual
@@ -21,7 +21,7 @@ START_NS = 9 * S
 
 
 def write(path: Path, seconds: int = 8, axis: str = AXIS) -> Path:
-    """A chunk for every second, and an event in the sixth."""
+    """A chunk for every second; in the sixth an event, and the first command."""
     with RunWriter(path) as writer:
         writer.add_metadata("run", {"seed": "3"})
         for second in range(seconds):
@@ -29,6 +29,7 @@ def write(path: Path, seconds: int = 8, axis: str = AXIS) -> Path:
                 writer.write(topic.key(CELL, axis), encode(message), heard_ns)
             if second == 5:
                 writer.write(SAFETY_EVENT.key(CELL, axis), encode(usual(SAFETY_EVENT)), START_NS + 5 * S + 1)
+                writer.write(COMMAND.key(CELL, axis), encode(usual(COMMAND)), START_NS + 5 * S + 2)
             writer.flush()
     return path
 
