@@ -140,11 +140,11 @@ def parquet(path: Path) -> ArrayTable:
     Raises:
         RecordingError: unreadable, or no Parquet file.
     """
-    from pyarrow.parquet import ParquetFile  # noqa: PLC0415 - slow to import
-
     columns: dict[str, Callable[[], Array]] = {}
     units: dict[str, str] = {}
     with reading(path, "a Parquet file", "pyarrow"), opened(path) as file:
+        from pyarrow.parquet import ParquetFile  # noqa: PLC0415 - slow to import, and an extra
+
         whole = ParquetFile(file)
         for field in whole.schema_arrow:
             kind = str(field.type)

@@ -8,7 +8,7 @@ import numpy as np
 
 from forefeel.common.causes.model import ContactModel, at_conversion
 from forefeel.common.causes.motion import Motion
-from forefeel.common.errors import ConfigurationError
+from forefeel.common.errors import ConfigurationError, InputError
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Array
@@ -35,9 +35,11 @@ def write_table(out: Path, columns: dict[str, Array]) -> None:
 
 
 def _parquet(path: Path, columns: dict[str, Array]) -> None:
-    import pyarrow  # noqa: PLC0415
-    import pyarrow.parquet  # noqa: PLC0415
-
+    try:
+        import pyarrow  # noqa: PLC0415
+        import pyarrow.parquet  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError(f"{path.suffix}: needs pyarrow: pip install 'forefeel[formats]'") from error
     pyarrow.parquet.write_table(pyarrow.table(dict(columns)), path)
 
 
