@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from forefeel.common.recording.loading import load_recording
@@ -82,3 +83,10 @@ def test_parquet_without_pyarrow_says_what_to_install(
     assert len(lines) == 2
     assert given.read_bytes() == b"PAR1"
     assert not (tmp_path / "new.parquet").exists()
+
+
+def test_a_preset_is_a_model(run: Run, tmp_path: Path) -> None:
+    assert run(["simulate", "--model", "guidewire", "--duration", "2", "--out", "wire.csv"]) == 0
+    force_n = load_recording(tmp_path / "wire.csv").force_n
+    assert force_n is not None
+    assert 0.003 < np.ptp(force_n) < 0.2
