@@ -133,7 +133,7 @@ def obstacle(rule: str, value: float, limit: float) -> str:
 
 def long_round_trip(round_trip_s: float, limit_s: float) -> str:
     """Reason for which an axis does not arm over a link that is too slow."""
-    return f"{_ROUND_TRIP}{round_trip_s * 1e3:.0f} ms, limit {limit_s * 1e3:.0f} ms"
+    return f"{_ROUND_TRIP}{quantity(round_trip_s, 's')}, limit {quantity(limit_s, 's')}"
 
 
 def is_long_round_trip(reason: str) -> bool:

@@ -301,7 +301,7 @@ def _predicted(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]
     if isinstance(across, str):
         return [f"failed: {across}"]
     return [
-        f"{1e3 * across.delay_s:.0f} ms ahead, {stretch(across)}, rms: "
+        f"{quantity(across.delay_s, 's')} ahead, {stretch(across)}, rms: "
         f"{quantity(across.before_n, 'N')} before, {quantity(across.after_n, 'N')} extended, "
         f"{quantity(across.zoh_n, 'N')} by a zero-order hold",
         *why_no_better(diagnosis, across),
