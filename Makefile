@@ -7,6 +7,8 @@ DEMO := $(VENV)/.demo
 READY := $(VENV)/.ready
 # bytecode of what is used comes with its first use: that of all would take half of the time and 100 MB
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile
+# says what it does: half a minute without a word looks broken
+TELLING_PIP := $(BIN)/python -m pip install --disable-pip-version-check --no-compile --progress-bar off
 BUILD := $(BIN)/python common/kernels/build.py
 INSTALL_ZIG := $(PIP) --require-hashes -r deploy/lock/compiler.txt
 REMOVE_ZIG := $(BIN)/python -m pip uninstall --quiet --disable-pip-version-check --yes ziglang
@@ -31,7 +33,7 @@ kernels: | $(BIN)/pip ## the C library of common/kernels, where it is not of the
 	$(BUILD); status=$$?; [ -z "$$zig" ] || $(REMOVE_ZIG); exit $$status; }
 
 $(DEMO): deploy/lock/demo.txt pyproject.toml setup.py | kernels
-	$(PIP) --require-hashes -r deploy/lock/demo.txt
+	$(TELLING_PIP) --require-hashes -r deploy/lock/demo.txt
 	rm -rf forefeel.egg-info  # an old one hides new entry points
 	$(PIP) --no-deps --no-build-isolation --editable .
 	@touch $@

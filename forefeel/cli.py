@@ -40,6 +40,7 @@ COMMANDS = {
     "calibrate load-cell": "Tare, then every weight up and down; gain and zero by least squares, residual, "
     "hysteresis.",
     "calibrate stage": "Home twice and go from end to end; asks before it moves. Take the instrument out.",
+    "home": "Home a stage, as after its power was off; asks before it moves. Take the instrument out.",
     "pki init": "Make an authority and certificates for each host; again: add hosts, renew what ends soon.",
     "pki show": "Show names, hosts and expiry; exit 1 where one is red.",
 }
@@ -52,10 +53,10 @@ SECTIONS = {
         "dashboard --connect tcp/10.0.0.2:7447", "metrics --connect tcp/10.0.0.2:7447",
         "view run.mcap", "report run.mcap --out out",
     ),
-    "Diagnose": ("evaluate run.csv", "simulate --model model.yaml --out run.csv"),
+    "Diagnose": ("evaluate run.csv", "simulate --model catheter --out run.csv"),
     "Hardware": (
         "devices", "device probe --config slave.yaml", "calibrate load-cell --config slave.yaml",
-        "emulate zaber_ascii",
+        "home --config slave.yaml", "emulate zaber_ascii",
     ),
     "Safety": (
         "estop --config slave.yaml", "clear --config slave.yaml", "doctor --config slave.yaml",

@@ -13,6 +13,7 @@ All quantities are SI; a rotation has rad for m and N m for N.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import partial
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,7 @@ from threadpoolctl import threadpool_limits
 
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError, InputError
-from forefeel.common.events.text import shown_unit, units_of
+from forefeel.common.events.text import shown_unit, table_html, units_of
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.loading import load, load_recording, recordings_in
 from forefeel.common.recording.recording import Recording
@@ -123,14 +124,19 @@ class Diagnosis:
 
     __repr__ = __str__  # a notebook shows what a cell ends with
 
-    def plot(self) -> "Figure":
-        """Figure of matplotlib: force over time as measured, simulated and extended, and below what the
-        latter two leave of it. It is neither shown nor saved. ConfigurationError: matplotlib is missing.
+    def _repr_html_(self) -> str:
+        return table_html(str(self))
+
+    def plot(self) -> "Figure | PageFigure":
+        """Figure of matplotlib, neither shown nor saved: force over time as measured, simulated and extended,
+        and below what the latter two leave of it. Without matplotlib the figure of the diagnosis's page.
         """
         try:
             from matplotlib.figure import Figure  # noqa: PLC0415 - an extra
-        except ImportError as error:
-            raise ConfigurationError("plot: needs matplotlib: pip install 'forefeel[plot]'") from error
+        except ImportError:
+            from forefeel.results.page import render_figure  # noqa: PLC0415 - as in `diagnose`
+
+            return PageFigure(render_figure(self.details))
         from forefeel.results.curves import Curves  # noqa: PLC0415 - as in `diagnose`
 
         curves = Curves.of(self.details.analysis, None)
@@ -146,6 +152,22 @@ class Diagnosis:
             below.set(xlabel="time, s", ylabel=f"left, {shown_unit('N')}")
         above.legend()
         return figure
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class PageFigure:
+    """A figure as the page of a diagnosis has it, which a notebook shows."""
+
+    html: str
+
+    def _repr_html_(self) -> str:
+        return f'<iframe srcdoc="{escape(self.html)}" style="width:100%;height:640px;border:0"></iframe>'
+
+    def savefig(self, path: str | Path) -> None:
+        """Writes a page with the figure. ConfigurationError: the file is to be an image."""
+        if Path(path).suffix.lower() not in (".html", ".htm"):
+            raise ConfigurationError(f"{path}: an image needs matplotlib: pip install 'forefeel[plot]'")
+        Path(path).write_text(self.html, encoding="utf-8")
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -184,7 +206,7 @@ def diagnose(
     """Finds what the simulation of a recording gets wrong, and which causes explain it.
 
     Args:
-        recording: a `Recording`, or what `load` takes.
+        recording: a `Recording`, or what `load` takes; or a list of those.
         beside: further recordings of the same bench, for one answer to all.
         model: model.yaml of the simulation to compare with, in place of a fitted mass, damper and spring.
         as_is: asks nothing about units.
@@ -193,9 +215,10 @@ def diagnose(
         RecordingError: it can not be diagnosed, or its units are not plausible.
     """
     given = None if model is None else load_model(Path(model))
+    sources = [*(recording if isinstance(recording, list) else [recording]), *beside]
     from forefeel.results.task import answered  # noqa: PLC0415 - scipy: 85 MB that an evaluation does not need
 
-    recordings = [_recording(source, force=True) for source in (recording, *beside)]
+    recordings = [_recording(source, force=True) for source in sources]
     with threadpool_limits(1):  # the arrays are small, and threads would wait
         answer = answered(recordings, given=given, as_is=as_is)
     extended = Model(answer.model, answer.details.analysis.regression.sense)
@@ -265,6 +288,9 @@ class Evaluation:
         return "\n".join([f"{self.delay_s:g} s late", *rows])
 
     __repr__ = __str__
+
+    def _repr_html_(self) -> str:
+        return table_html(str(self))
 
 
 def evaluate(

@@ -32,10 +32,11 @@ if TYPE_CHECKING:
     from forefeel.network_settings import ObserverSettings
 
 _QUEUE_MESSAGES = 100_000  # messages that wait for the disk: half a minute of an axis, three streams at 1 kHz
-_WRITE_EVERY_S = 0.025  # a killed recorder loses that, and what its batches wait at the sender (`BATCH_NS`)
+# a killed recorder loses that, and what its batches wait at the sender (`BATCH_NS`); less compresses worse
+_WRITE_EVERY_S = 0.1
 _POLL_S = 0.1
 _SILENCES = 100  # lines that wait to be shown
-_FLUSH_ROUNDS = 40  # between two flushes: a host without power loses a second
+_FLUSH_ROUNDS = 10  # between two flushes: a host without power loses a second
 
 
 class Recorder:
@@ -118,7 +119,7 @@ class Recorder:
         self._error = self._error or error
 
     def _run(self) -> None:
-        """Runs in the recorder's thread until `close`: writes every 25 ms what has come, to the disk once a
+        """Runs in the recorder's thread until `close`: writes every 0.1 s what has come, to the disk once a
         second; at the end the counts of what was missed. Keeps the first error for `check`.
         """
         try:

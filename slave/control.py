@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from forefeel.common.clock_offset import OffsetEstimate
-from forefeel.common.events.text import OVER_LIMIT, ROUND_TRIP, SLOW_LIMIT, ZERO, obstacle
+from forefeel.common.events.text import OVER_LIMIT, ROUND_TRIP, SLOW_LIMIT, ZERO, obstacle, quantity
 from forefeel.common.limiter import LEAST_M_S, LimitHit, MotionLimiter, Reaction, claim, open_speed_m_s
 from forefeel.common.messages import Grip, MotionCommand, SafetyState
 from forefeel.common.settings import AxisLimits
@@ -131,7 +131,7 @@ class AxisControl:
         if 0 < self._watchdog_ns < stood_ns:
             # Whatever stopped this loop, the drive's own watchdog has stopped the stage: there it stays.
             self.limiter.place(inputs.position_m)
-            reason = f"the control loop stood still for {stood_ns * 1e-6:.0f} ms"
+            reason = f"the control loop stood still for {quantity(stood_ns * 1e-9, 's')}"
             self._fire(E.WATCHDOG, reason, now_ns, transitions)
         for event, reason in self._events(now_ns, inputs, hits):
             self._fire(event, reason, now_ns, transitions)
@@ -262,7 +262,7 @@ class AxisControl:
             return [(E.RELEASE, "deadman released")]
         silent_ns = now_ns - self._received_ns
         if 0 < self._watchdog_ns < silent_ns:
-            return [(E.WATCHDOG, f"no valid command for {silent_ns * 1e-6:.0f} ms")]
+            return [(E.WATCHDOG, f"no valid command for {quantity(silent_ns * 1e-9, 's')}")]
         if (hit := self._long_round_trip(clock)) is not None:
             return [(E.ROUND_TRIP, obstacle(*hit[:3]))]
         engaging = self.machine.state is SafetyState.ENGAGING

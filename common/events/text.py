@@ -3,9 +3,11 @@
 Texts may hold what came from the network; who shows them makes them `printable`.
 """
 
+import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
+from html import escape
 from math import floor, log10
 from typing import Any
 
@@ -131,7 +133,7 @@ def obstacle(rule: str, value: float, limit: float) -> str:
 
 def long_round_trip(round_trip_s: float, limit_s: float) -> str:
     """Reason for which an axis does not arm over a link that is too slow."""
-    return f"{_ROUND_TRIP}{round_trip_s * 1e3:.0f} ms, limit {limit_s * 1e3:.0f} ms"
+    return f"{_ROUND_TRIP}{quantity(round_trip_s, 's')}, limit {quantity(limit_s, 's')}"
 
 
 def is_long_round_trip(reason: str) -> bool:
@@ -197,3 +199,10 @@ def span(seconds: float) -> str:
     if minutes < 60:
         return f"{minutes} min {rest:02d} s"
     return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def table_html(text: str) -> str:
+    """HTML table, for a notebook, of lines whose label ends in two blanks or more."""
+    rows = (re.split(" {2,}", line, maxsplit=1) for line in text.splitlines())
+    cells = ("".join(f"<td style='text-align:left'>{escape(cell)}</td>" for cell in row) for row in rows)
+    return f"<table>{''.join(f'<tr>{row}</tr>' for row in cells)}</table>"

@@ -7,7 +7,7 @@ import warnings
 import zipfile
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import partial
 from math import prod
@@ -70,12 +70,43 @@ def reading(path: Path, what: str, package: str) -> Iterator[None]:
         raise RecordingError(f"{path}: {reason_of(error)}, expected {what} that is whole") from error
 
 
-def table_of(columns: Any) -> ArrayTable:  # noqa: ANN401 - arrays by name, or a DataFrame of pandas
-    """Arrays of numbers and of dates by name; anything else is left out."""
-    arrays = {str(name): np.asarray(columns[name]) for name in columns.keys()}  # noqa: SIM118
+def table_of(source: Any, *beside: Any) -> ArrayTable:  # noqa: ANN401 - see `load`
+    """Arrays of numbers and of dates by name; anything else is left out. Raises RecordingError for what is
+    none of those of `load`.
+    """
+    names = next((names for of in _NAMES if (names := of(source)) is not None), None)
+    if names is not None and not beside:
+        arrays = {str(name): np.asarray(source[name]) for name in names}
+    else:
+        arrays = _in_si(source, *beside)
     dates = {name: "s" for name, values in arrays.items() if values.dtype.kind == "M"}
     usable = {name: values for name, values in arrays.items() if values.dtype.kind in "iufbM"}
     return ArrayTable({name: partial(_floats, values) for name, values in usable.items()}, dates)
+
+
+_SI = "time_s", "position_m", "force_N"
+# of columns: of a table of pyarrow, a DataFrame of pandas or polars, a mapping, a structured array
+_NAMES: tuple[Callable[[Any], Iterable[Any] | None], ...] = (
+    lambda source: getattr(source, "column_names", None),
+    lambda source: getattr(source, "columns", None),
+    lambda source: source.keys() if isinstance(source, Mapping) else None,
+    lambda source: source.dtype.names if isinstance(source, np.ndarray) else None,
+)
+
+
+def _in_si(source: Any, *beside: Any) -> dict[str, Any]:  # noqa: ANN401 - see `load`
+    """Time, position and, if there, force by name. Raises RecordingError for other arrays than two or three
+    of equal shape.
+    """
+    try:
+        columns = np.stack([source, *beside]) if beside else np.asarray(source, np.float64).T
+        if columns.ndim == 2 and 2 <= len(columns) <= len(_SI):
+            return dict(zip(_SI, columns.astype(np.float64), strict=False))
+        shapes = f"arrays of shape {columns.T.shape}"
+    except (TypeError, ValueError):
+        shapes = type(source).__name__ + (" and others, or of other shapes" if beside else "")
+    wanted = "a file, columns by name, or time in s, position in m and force in N of equal length"
+    raise RecordingError(f"data: {shapes}, expected {wanted}")
 
 
 def _floats(values: Any) -> Array:  # noqa: ANN401 - numbers, or dates of any unit
@@ -140,11 +171,11 @@ def parquet(path: Path) -> ArrayTable:
     Raises:
         RecordingError: unreadable, or no Parquet file.
     """
-    from pyarrow.parquet import ParquetFile  # noqa: PLC0415 - slow to import
-
     columns: dict[str, Callable[[], Array]] = {}
     units: dict[str, str] = {}
     with reading(path, "a Parquet file", "pyarrow"), opened(path) as file:
+        from pyarrow.parquet import ParquetFile  # noqa: PLC0415 - slow to import, and an extra
+
         whole = ParquetFile(file)
         for field in whole.schema_arrow:
             kind = str(field.type)

@@ -57,8 +57,8 @@ _LIKELY_ROTARY = {
 
 
 def load(
-    source: Any,  # noqa: ANN401 - a path, arrays by name, or a DataFrame of pandas
-    *,
+    source: Any,  # noqa: ANN401 - a path, arrays, or a DataFrame
+    *beside: Any,  # noqa: ANN401 - arrays
     time: str | None = None,
     position: str | None = None,
     force: str | None = None,
@@ -67,7 +67,9 @@ def load(
     """A recording from a file, from arrays by name, or from a DataFrame.
 
     Args:
-        source: a file of one of `SUFFIXES`; or columns of equal shape (n,).
+        source: a file of one of `SUFFIXES`; columns of equal shape (n,), by name, as a DataFrame or as a
+            structured array; or, in s, m and N, an array of shape (n, 2) or (n, 3), or with `beside` of
+            shape (n,), of time, position and, where it was measured, force.
         time, position, force: the columns, each as `unit:column`, such as `mm:laser`; by default those that
             their names tell. `Recording.taken` says which.
         axis: of a recorded run with several.
@@ -79,7 +81,7 @@ def load(
     mapping = Mapping(time, position, force)
     if isinstance(source, str | Path):
         return load_recording(Path(source), mapping, axis)
-    return recording_of(array_tables.table_of(source), "data", "data", mapping)
+    return recording_of(array_tables.table_of(source, *beside), "data", "data", mapping)
 
 
 def load_recording(

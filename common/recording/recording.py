@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from forefeel.common.errors import RecordingError
 from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.events.console import printable
+from forefeel.common.events.text import quantity, table_html, units_of
 from forefeel.common.recording.units import Quantity, is_angle
 
 Array = NDArray[np.float64]
@@ -56,9 +57,9 @@ class Column:
     values: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Recording:
-    """Position in m and force in N (None: not measured) at the stamps `time_s`.
+    """Position in m and force in N (None: not measured) at the stamps `time_s`; five lines when printed.
 
     All are float64, shape (n,), n >= 2, finite and read-only. Time increases strictly, its origin is free.
     `source` says where the samples come from, `columns` from which columns, each as `unit:column`, and
@@ -96,6 +97,25 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.time_s)
+
+    def __str__(self) -> str:
+        x, f = self.position_m, self.force_n
+        with units_of(self.columns):
+            lines = {
+                "Recording": f"{self.name}, from {self.source}",
+                "Samples": f"{len(self)} in {self.duration_s:.1f} s, {self.rate_hz:.4g} Hz",
+                "Columns": self.taken,
+                "Position": f"{quantity(x.min(), 'm')} to {quantity(x.max(), 'm')}",
+                "Force": "not measured",
+            }
+            if f is not None:
+                lines["Force"] = f"{quantity(f.min(), 'N')} to {quantity(f.max(), 'N')}"
+        return "\n".join(f"{label:<11} {text}" for label, text in lines.items() if text)
+
+    __repr__ = __str__  # a notebook shows what a cell ends with
+
+    def _repr_html_(self) -> str:
+        return table_html(str(self))
 
     @property
     def taken(self) -> str:

@@ -3,12 +3,16 @@
 import csv
 import io
 import re
+from array import array
 from collections import Counter
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import islice
+from math import nan
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 
@@ -78,79 +82,80 @@ class TextTable:
         Raises:
             RecordingError: a cell that is none of these, with its row; a row too short that is not the last.
         """
-        import pyarrow as arrow  # noqa: PLC0415 - slow to import
-        from pyarrow import csv as arrow_csv  # noqa: PLC0415
-
-        layout, odd = self._layout, list[Any]()
-        types = {
-            "number": arrow.float64(),
-            "date": arrow.timestamp("ns"),
-            "zoned": arrow.timestamp("ns", "UTC"),
-            "clock": arrow.time64("ns"),
-        }
-        kinds = {str(i): layout.kinds[i] for i in map(self.names.index, names)}
-        keys = list(map(str, range(len(self.names))))
-        reading = arrow_csv.ReadOptions(
-            column_names=keys, skip_rows=layout.first, encoding=layout.encoding, use_threads=False
-        )
-
-        def skip(row: Any) -> str:  # noqa: ANN401 - of pyarrow
-            odd.append(row)
-            return "skip"
-
-        parsing = arrow_csv.ParseOptions(
-            delimiter=layout.delimiter, invalid_row_handler=skip, newlines_in_values=False
-        )
-        converting = arrow_csv.ConvertOptions(
-            include_columns=list(kinds),
-            column_types={key: types[kind] for key, kind in kinds.items()},
-            null_values=_MISSING,
-            decimal_point=layout.decimal,
-        )
+        places = list(map(self.names.index, names))
         try:
-            with self._source(self._path) as file:
-                source = file
-                if layout.delimiter == _BLANK:  # one between two
-                    source = io.BytesIO(re.sub(rb"(?m)^ +| +$", b"", re.sub(rb"[ \t]+", b" ", file.read())))
-                batches = [
-                    [_floats(cells, kind) for cells, kind in zip(batch.columns, kinds.values(), strict=True)]
-                    for batch in arrow_csv.open_csv(source, reading, parsing, converting)
-                ]
-        except arrow.ArrowInvalid as error:
-            raise RecordingError(self._refusal(error)) from None
-        except UnicodeError as error:
+            try:
+                with self._rows() as rows:
+                    return self._numbers(rows, places)
+            except ValueError:  # a date, a missing cell, a comment, a row of another width, or no number
+                with self._rows() as rows:
+                    return self._cells(rows, places)
+        except (UnicodeError, csv.Error) as error:
             raise RecordingError(f"{self._path}: {reason_of(error)}, expected text") from error
-        columns = [np.concatenate(parts) for parts in zip(*batches, strict=True)]
-        self._note(odd, len(columns[0]) if columns else 0)
-        return columns or [np.empty(0) for _ in names]
 
-    def _note(self, odd: list[Any], rows: int) -> None:
-        """Notes a last row that is cut off; refuses any other of another width, comments apart."""
-        last = self._layout.first + rows + len(odd)
-        odd = [row for row in odd if not row.text.lstrip().startswith(_COMMENTS)]
-        if not odd:
-            return
-        row = odd[0]
-        if row.actual_columns > row.expected_columns or row.number < last:
-            cells = f"{row.actual_columns} cell(s), expected {row.expected_columns}"
-            raise RecordingError(f"{self._path}: line {row.number}: {cells}")
-        self.notes.append("the last line, which is cut off")
+    @contextmanager
+    def _rows(self) -> Iterator[Iterator[str]]:
+        """Context with the lines from the first row on, with decimal points."""
+        layout = self._layout
+        with self._source(self._path) as file, io.TextIOWrapper(file, layout.encoding) as text:
+            rows = islice(text, layout.first, None)
+            yield (row.replace(",", ".") for row in rows) if layout.decimal == "," else rows
 
-    def _refusal(self, error: Exception) -> str:
-        """Text for an error of pyarrow, with line, column and value where it says them."""
-        match = re.search(r"column #(\d+):(?: Row #(\d+):)?.*?invalid value '(.*)'", str(error), re.DOTALL)
-        if match is None:
-            return f"{self._path}: {reason_of(error)}, expected a table"
-        column, line, value = match.groups()
-        place = f"line {line}, " if line else ""
-        return f"{self._path}: {place}column {self.names[int(column)]!r}: {value[:40]!r}, expected a number"
+    def _numbers(self, rows: Iterator[str], places: Sequence[int]) -> list[Array]:
+        """Columns of numbers, none of which is missing, of rows with a cell for each name.
+
+        Raises:
+            ValueError: other columns, or other rows.
+        """
+        types = ["U1"] * len(self.names)  # of what is not wanted
+        for i in places:
+            if self._layout.kinds[i] != "number":
+                raise ValueError(self.names[i])
+            types[i] = "f8"
+        table = np.loadtxt(
+            rows,
+            [(str(i), kind) for i, kind in enumerate(types)],
+            delimiter=None if self._layout.delimiter == _BLANK else self._layout.delimiter,
+            comments=None,
+            quotechar='"',
+            ndmin=1,
+        )
+        return [np.array(table[str(i)]) for i in places]
+
+    def _cells(self, rows: Iterator[str], places: Sequence[int]) -> list[Array]:
+        """Columns of any table, a cell at a time; errors and notes as of `read`."""
+        delimiter, width = self._layout.delimiter, len(self.names)
+        reader = map(str.split, rows) if delimiter == _BLANK else csv.reader(rows, delimiter=delimiter)
+        columns = [array("d") for _ in places]
+        short = ""
+        for line, cells in enumerate(reader, self._layout.first + 1):
+            if not cells or cells[0].lstrip().startswith(_COMMENTS):
+                continue
+            if short or len(cells) > width:
+                short = short or f"line {line}: {len(cells)} cell(s), expected {width}"
+                raise RecordingError(f"{self._path}: {short}")
+            if len(cells) < width:
+                short = f"line {line}: {len(cells)} cell(s), expected {width}"
+                continue
+            for i, column in zip(places, columns, strict=True):
+                try:
+                    column.append(_value(cells[i].strip(), self._layout.kinds[i]))
+                except ValueError:
+                    where = f"{self._path}: line {line}, column {self.names[i]!r}"
+                    raise RecordingError(f"{where}: {cells[i][:40]!r}, expected a number") from None
+        if short:
+            self.notes.append("the last line, which is cut off")
+        return [np.array(column) for column in columns]
 
 
-def _floats(column: Any, kind: str) -> Array:  # noqa: ANN401 - of pyarrow
-    if kind != "number":
-        column = column.cast("int64")
-    values: Array = column.to_numpy(zero_copy_only=False).astype(np.float64)
-    return values if kind == "number" else values * 1e-9
+def _value(cell: str, kind: str) -> float:
+    """Number of a cell; of a date s since 1970, of a clock s since midnight. ValueError for other text."""
+    if cell in _MISSING:
+        return nan
+    if kind == "number":
+        return float(cell)
+    moment = datetime.fromisoformat(f"1970-01-01T{cell}" if kind == "clock" else cell)
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).timestamp()
 
 
 def _layout(path: Path, head: bytes) -> Layout:

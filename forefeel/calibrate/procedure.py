@@ -1,4 +1,4 @@
-"""`forefeel calibrate`: the person who is asked, what the device gives, the dated file.
+"""`forefeel calibrate` and `home`: the person who is asked, what the device gives, the dated file.
 
 A load cell: unloaded, every load up and down, unloaded again; the line through them. A stage: home twice, the
 way from end to end; asked before it moves.
@@ -41,6 +41,7 @@ from forefeel.daemon_settings import load_daemon
 from forefeel.files import check_new_file, write_whole
 from forefeel.interrupt import break_off, ends_in_order, signal_flag
 from forefeel.slave.load_cell import NativeLoadCell, NativeReading
+from forefeel.slave.stage import Homing
 from forefeel.terminal import answer, ask, say
 
 _POLL_NS = 5_000_000  # ns between two looks for readings, which a queue keeps meanwhile
@@ -192,18 +193,8 @@ def run_stage(target: Target, velocity_m_s: float, clock: SleepingClock | None =
         f"The stage will home twice and go its whole travel, {1e3 * way_m:.4g} mm by its settings, "
         f"at {1e3 * velocity_m_s:.3g} mm/s: take out the instrument, clear the way, keep the stop at hand"
     )
-    with (
-        ends_in_order("calibration"),
-        signal_flag(break_off),
-        _no_slave_beside(target.config),
-        device.driver.make_homing(settings, clock or MonotonicClock()) as stage,
-    ):
-        serial = _identify(device, stage.link)
-        if ask_person(intent, ". Type yes to go on", target.yes) not in ("yes", "y"):
-            raise RunError("not confirmed; nothing moved, nothing written")
-        HOST.prepare_thread(_PRIORITY)  # a drive that watches our heartbeat stops when we are kept waiting
-        say("homing")
-        stage.home()
+    with ends_in_order("calibration"), _homed(device, target.config, intent, target.yes, clock) as stage:
+        serial = stage.link.serial
         say("travelling from end to end")
         ends = stage.travel_ends(velocity_m_s)
         say("homing again")
@@ -223,6 +214,33 @@ def run_stage(target: Target, velocity_m_s: float, clock: SleepingClock | None =
         calibration,
         f"Travel      {low_mm:.4g} to {high_mm:.4g} mm from the reference, {high_mm - low_mm:.4g} mm",
     )
+
+
+def run_home(config: Path, axis: str, yes: bool, clock: SleepingClock | None = None) -> None:
+    """Homes a stage, as it has to be after its power was off; asks for consent. Raises as `run_stage`."""
+    device = device_of(config, axis, "stage")
+    intent = "The stage will home: take out the instrument, clear the way, keep the stop at hand"
+    with ends_in_order("homing"), _homed(device, config, intent, yes, clock):
+        say(f"{device.name}: it is homed")
+
+
+@contextmanager
+def _homed(
+    device: ConfiguredDevice, config: Path, intent: str, yes: bool, clock: SleepingClock | None
+) -> Iterator[Homing]:
+    """Context of a stage that has homed, after a person agreed to `intent`; raises as `run_stage`."""
+    with (
+        signal_flag(break_off),
+        _no_slave_beside(config),
+        device.driver.make_homing(device.settings, clock or MonotonicClock()) as stage,
+    ):
+        _identify(device, stage.link)
+        if ask_person(intent, ". Type yes to go on", yes) not in ("yes", "y"):
+            raise RunError("not confirmed; nothing moved, nothing written")
+        HOST.prepare_thread(_PRIORITY)  # a drive that watches our heartbeat stops when we are kept waiting
+        say("homing")
+        stage.home()
+        yield stage
 
 
 @contextmanager

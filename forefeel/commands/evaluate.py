@@ -15,7 +15,7 @@ from forefeel.commands.options import (
     TimeColumn,
     examples,
 )
-from forefeel.terminal import output, suggest
+from forefeel.terminal import output, say, suggest
 
 
 @examples(
@@ -38,6 +38,7 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     ] = None,
     axis: Annotated[str | None, typer.Option(metavar="NAME", help="Of an MCAP file with several.")] = None,
     overwrite: Annotated[bool, typer.Option(help="Replace an earlier evaluation in DIR.")] = False,
+    rules: Annotated[bool, typer.Option("--rules", help="Print the rules of the comparison, too.")] = False,
     time_column: TimeColumn = None,
     position_column: PositionColumn = None,
     force_column: ForceColumn = None,
@@ -46,12 +47,15 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
 ) -> None:
     from forefeel.common.recording.units import Mapping  # noqa: PLC0415 - the help needs none of it
     from forefeel.diagnosis.evaluation.arrivals import DelayedLink  # noqa: PLC0415
+    from forefeel.diagnosis.evaluation.evaluate import rules as stated  # noqa: PLC0415
     from forefeel.evaluation.run import run_evaluation  # noqa: PLC0415
 
     link = DelayedLink(delay, jitter, loss, seed)
     with output(as_json, quiet):
         columns = Mapping(time_column, position_column, force_column)
         loaded = run_evaluation(files, link, model, columns, axis, out, overwrite)
+        for rule in stated(link, loaded) if rules else ():
+            say(rule)
         if loaded is None:
             suggest("diagnose", files[0], axis=axis, out=out, **asdict(columns))
         elif not loaded.columns:  # a loopback has one axis

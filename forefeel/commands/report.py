@@ -5,14 +5,14 @@ from typing import Annotated
 
 import typer
 
-from forefeel.commands.options import AsJson, Quiet, examples
+from forefeel.commands.options import AsJson, Quiet, ResultsFolder, examples
 from forefeel.terminal import output
 
 
 @examples("forefeel report run.mcap --out out/report")
 def report(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A recorded run (MCAP).")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="For report.html and report.json.")],
+    out: ResultsFolder = None,
     overwrite: Annotated[bool, typer.Option(help="Replace an earlier report in DIR.")] = False,
     as_json: AsJson = False,
     quiet: Quiet = False,

@@ -10,11 +10,13 @@ from forefeel.terminal import output, suggest
 
 
 @examples(
-    "forefeel simulate --model model.yaml --motion hand --duration 30 --seed 1 --out run.csv",
+    "forefeel simulate --model catheter --motion hand --duration 30 --seed 1 --out run.csv",
     "forefeel simulate --model model.yaml --motion seal_o_ring_1bar.csv --noise 0 --out seal.parquet",
 )
 def simulate(  # noqa: PLR0913, PLR0917 - one parameter per option
-    model: Annotated[Path, typer.Option(metavar="FILE", help="model.yaml: the contact and its sensor.")],
+    model: Annotated[
+        Path, typer.Option(metavar="FILE", help="model.yaml: contact and sensor; or catheter, guidewire.")
+    ],
     out: Annotated[Path, typer.Option(metavar="FILE", help="A .csv or .parquet file.")],
     motion: Annotated[
         str,

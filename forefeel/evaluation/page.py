@@ -122,11 +122,9 @@ def regime_text(score: RegimeScore) -> str:
     return f"{quantity(score.forefeel_rms_n, 'N')}{relative}, {share(score.share)}"
 
 
-def in_words(
-    link: DelayedLink, rules: Sequence[str], recordings: Mapping[str, Evaluated]
-) -> Iterator[RenderableType]:
-    """Yields what the terminal shows: tables by method and by regime, notes of each recording, headline,
-    rules and disclaimer.
+def in_words(link: DelayedLink, recordings: Mapping[str, Evaluated]) -> Iterator[RenderableType]:
+    """Yields what the terminal shows: tables by method and by regime, notes of each recording, headline and
+    disclaimer.
     """
     numbers = (*METHODS, "in the 95 % band")
     title = f"Error, rms and (its ratio to the zero-order hold), delay {link.delay_s:g} s"
@@ -139,4 +137,4 @@ def in_words(
         parts.add_row(Text(stem), *(regime_text(evaluated.regimes[name]) for name in REGIMES))
     yield from (errors, parts)
     yield from (f"{stem}: {'; '.join(evaluated.notes)}" for stem, evaluated in recordings.items())
-    yield from ("", headline(link, recordings), *rules, DISCLAIMER)
+    yield from ("", headline(link, recordings), DISCLAIMER)

@@ -62,7 +62,7 @@ def run_evaluation(
         document = to_json(link, stated, evaluated, skipped)
         with units_of(*[entry.recording.columns for entry in prepared.values()]):
             page = render_page(link, stated, evaluated, skipped)
-            lines = list(in_words(link, stated, evaluated))
+            lines = list(in_words(link, evaluated))
         write_all(folder, {_JSON: document, _PAGE: page}, written)
     answer(*lines, f"{_PAGE}, {_JSON} in {folder}", document=lambda: document)
     return model

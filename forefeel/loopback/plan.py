@@ -34,6 +34,7 @@ _WORLD_MAX_N = {"catheter": 3.0, "guidewire": 0.3}
 _GUIDEWIRE_SCALE = 10.0
 HAND_MAX_N = 4.0
 """Force in N that the hand is given at most."""
+_QUICKEST_M_S2 = 1000.0  # that the settings admit: coarse stamps let a velocity step farther in a millisecond
 _APPROACH_M_S = 0.03  # m/s, fastest approach to the recording's start
 # A simulated world says where its wall begins and not how wide it is: radii in those of the instrument,
 # wider up to there and narrower beyond, for the wall resists more the deeper.
@@ -288,7 +289,7 @@ def play(
         "travel_upper_m": high,
         "start_m": float(recording.position_m[0]),
         "velocity_limit_m_s": 2 * limits["max_velocity_m_s"],
-        "acceleration_limit_m_s2": 2 * limits["max_acceleration_m_s2"],
+        "acceleration_limit_m_s2": min(2 * limits["max_acceleration_m_s2"], _QUICKEST_M_S2),
         "encoder_step_m": min(1e-6, span * 1e-5),
     }
     master_axis["handle"] = {
@@ -360,7 +361,7 @@ def recording_limits(recording: "Recording", world_max_n: float) -> dict[str, An
     return {
         "workspace_m": (low - margin, high + margin),
         "max_velocity_m_s": _round_up(max(1.5 * speed, 0.005)),
-        "max_acceleration_m_s2": _round_up(max(1.5 * step / 1e-3, 1.0)),
+        "max_acceleration_m_s2": min(_round_up(max(1.5 * step / 1e-3, 1.0)), _QUICKEST_M_S2),
         "max_force_n": world_max_n if strongest_n is None else _round_up(max(1.2 * strongest_n, 0.01)),
     }
 

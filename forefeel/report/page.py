@@ -12,7 +12,7 @@ from forefeel.common.limiter import MOTION_RULES
 from forefeel.common.messages import Grip, SafetyState
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import SLAVE_STATE
-from forefeel.files import fresh_folder, write_all
+from forefeel.files import folder_named_after, fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
 from forefeel.report.drawing import (
     DASHED,
@@ -76,14 +76,16 @@ def write_report(run_path: Path, out_dir: Path) -> RunReport:
     return report
 
 
-def run_report(recording: Path, out: Path, overwrite: bool) -> None:
-    """Writes report.json and report.html of a recording into `out`, prints the ten lines, and suggests the
-    next command. `overwrite`: an earlier report there is replaced, else it is refused.
+def run_report(recording: Path, out: Path | None, overwrite: bool) -> None:
+    """Writes report.json and report.html of a recording into `out`, by default a folder named after it,
+    prints the ten lines, and suggests the next command. `overwrite`: an earlier report there is replaced,
+    else it is refused.
 
     Raises:
         InputError: the recording or the folder can not be used; nothing was written.
         RunError: interrupted, or the report can not be written.
     """
+    out = out or folder_named_after(recording)
     with ends_in_order("report", out) as written:
         run = Run(recording)
         report, pages = make_pages(run)

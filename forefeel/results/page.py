@@ -82,6 +82,13 @@ def render_page(
     )
 
 
+def render_figure(diagnosed: Diagnosed) -> str:
+    """HTML page with nothing but measured, simulated and extended force."""
+    curves = Curves.of(diagnosed.analysis, None)
+    figure = _draw(partial(_worst, curves, diagnosed.diagnosis))
+    return render("results/figure.html.j2", name=diagnosed.recording.name, figure=figure)
+
+
 def _draw(draw: Callable[[], Figure]) -> Figure:
     """Draws a figure; one that fails is one line in its place."""
     try:

@@ -234,10 +234,12 @@ def _elsewhere(expected: ExpectedGain | None) -> list[str]:
     if expected is None:
         return []
     low, high = sorted((expected.gain_low, expected.gain_high))
+    ends_m = expected.low_m, expected.high_m
+    low_m, high_m = (0.0 if abs(end_m) < 1e-3 * (ends_m[1] - ends_m[0]) else end_m for end_m in ends_m)
     return [
         f"expected of another motion: {100.0 * expected.gain:.0f} % less error "
-        f"({100.0 * low:.0f} to {100.0 * high:.0f} %) within {quantity(expected.low_m, 'm')} to "
-        f"{quantity(expected.high_m, 'm')}, up to {quantity(expected.fastest_m_s, 'm/s')}"
+        f"({100.0 * low:.0f} to {100.0 * high:.0f} %) within {quantity(low_m, 'm')} to "
+        f"{quantity(high_m, 'm')}, up to {quantity(expected.fastest_m_s, 'm/s')}"
     ]
 
 
@@ -299,7 +301,7 @@ def _predicted(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]
     if isinstance(across, str):
         return [f"failed: {across}"]
     return [
-        f"{1e3 * across.delay_s:.0f} ms ahead, {stretch(across)}, rms: "
+        f"{quantity(across.delay_s, 's')} ahead, {stretch(across)}, rms: "
         f"{quantity(across.before_n, 'N')} before, {quantity(across.after_n, 'N')} extended, "
         f"{quantity(across.zoh_n, 'N')} by a zero-order hold",
         *why_no_better(diagnosis, across),

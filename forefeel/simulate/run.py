@@ -8,7 +8,7 @@ import numpy as np
 
 from forefeel.common.causes.model import ContactModel, at_conversion
 from forefeel.common.causes.motion import Motion
-from forefeel.common.errors import ConfigurationError
+from forefeel.common.errors import ConfigurationError, InputError
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Array
@@ -17,6 +17,7 @@ from forefeel.files import check_new_file, whole
 from forefeel.interrupt import ends_in_order
 from forefeel.simulate.motion import FollowedRecording, Hand, MotionPiece, multisine, sine
 from forefeel.simulate.world import integrate
+from forefeel.slave.plant.presets import PRESETS
 from forefeel.terminal import bar, show
 
 SUFFIXES = (".csv", ".parquet")
@@ -35,9 +36,11 @@ def write_table(out: Path, columns: dict[str, Array]) -> None:
 
 
 def _parquet(path: Path, columns: dict[str, Array]) -> None:
-    import pyarrow  # noqa: PLC0415
-    import pyarrow.parquet  # noqa: PLC0415
-
+    try:
+        import pyarrow  # noqa: PLC0415
+        import pyarrow.parquet  # noqa: PLC0415
+    except ImportError as error:
+        raise InputError(f"{path.suffix}: needs pyarrow: pip install 'forefeel[formats]'") from error
     pyarrow.parquet.write_table(pyarrow.table(dict(columns)), path)
 
 
@@ -49,8 +52,8 @@ _MOST_SAMPLES = 40_000_000
 
 @dataclass(frozen=True, slots=True)
 class SimulationOptions:
-    """Options of a simulation. `motion`: one of `MOTIONS`, or the path of a recording whose position is
-    followed, by its `columns` of time and position, each as `unit:column`.
+    """Options of a simulation. `model`: a file, or one of `PRESETS`. `motion`: one of `MOTIONS`, or the path
+    of a recording whose position is followed, by its `columns` of time and position, each as `unit:column`.
 
     `duration_s` and `rate_hz`: None for those of the recorded motion, else 30 s and 1 kHz. `noise_n`: white,
     its standard deviation. `encoder_step_m`: 0: none.
@@ -78,7 +81,8 @@ def run_simulation(options: SimulationOptions, out: Path, overwrite: bool) -> No
     """
     _check(options)
     check_new_file(out, SUFFIXES, ".csv or .parquet", overwrite)
-    model = load_model(options.model)
+    made = PRESETS.get(str(options.model))
+    model = load_model(options.model) if made is None else ContactModel.from_mapping(made["contact"])
     with ends_in_order("simulation", out.parent) as written:
         with bar(1.0, "{task.percentage:3.0f} %") as shown:
             columns = simulate(model, options, lambda share: shown(share, "simulating"))

@@ -97,7 +97,7 @@ BAD = {
     "no file": ("", ("FILE",), {}),
     "a folder": ("@", ("suffix",), {}),
     "one stem twice": ("@/a.csv @/b/a.csv", ("2 files", "'a'"), {"a.csv": GOOD, "b/a.csv": GOOD}),
-    "delay negative": ("@/a.csv --delay -1", ("--delay",), {"a.csv": GOOD}),
+    "delay negative": ("@/a.csv --delay -1", ("delay_s = -1",), {"a.csv": GOOD}),
     "unit": ("@/a.csv --force V:load", ("force = 'V:load'",), {"a.csv": GOOD}),
     "model that learns nothing": (
         "@/a.csv --model @/m.yaml",

@@ -29,7 +29,7 @@ ANSWERS = {
 """A command line -> the file of the document that it answers with `--json`, where it writes one."""
 WITH_DEVICES = {"calibrate load-cell", "calibrate stage"}
 """See tests/devices and tests/process: they need a device."""
-LASTING = {"demo", "slave", "master", "router", "record", "metrics", "dashboard", "view", "simulate"}
+LASTING = {"demo", "home", "slave", "master", "router", "record", "metrics", "dashboard", "view", "simulate"}
 """Without an answer: `--quiet` alone."""
 
 

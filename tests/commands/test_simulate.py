@@ -1,8 +1,10 @@
 """`forefeel simulate` as a person uses it."""
 
+import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from forefeel.common.recording.loading import load_recording
@@ -22,8 +24,6 @@ def model(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
 def test_a_recording_is_made_and_can_be_read(
     run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path, suffix: str
 ) -> None:
-    if suffix == "parquet":
-        pytest.importorskip("pyarrow")
     out = tmp_path / "new" / f"run.{suffix}"
     words = ["simulate", "--model", "model.yaml", "--duration", "2", "--rate", "500", "--seed", "4"]
     assert run([*words, "--out", str(out)]) == 0
@@ -67,3 +67,26 @@ def test_a_recording_with_columns_of_its_own_is_followed(run: Run, tmp_path: Pat
     assert found.position_m[-1] == pytest.approx(0.1995, abs=0.005)  # behind the low-pass
     assert run(["simulate", "--model", "model.yaml", "--time", "ms:t", "--out", "other.csv"]) == 2
     assert not (tmp_path / "other.csv").exists()
+
+
+def test_parquet_without_pyarrow_says_what_to_install(
+    run: Run, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)  # as in a base install
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    given = tmp_path / "run.parquet"
+    given.write_bytes(b"PAR1")
+    assert run(["diagnose", str(given)]) == 2
+    assert run(["simulate", "--model", "model.yaml", "--duration", "2", "--out", "new.parquet"]) == 2
+    lines = capsys.readouterr().err.splitlines()
+    assert all(line.endswith("needs pyarrow: pip install 'forefeel[formats]'") for line in lines)
+    assert len(lines) == 2
+    assert given.read_bytes() == b"PAR1"
+    assert not (tmp_path / "new.parquet").exists()
+
+
+def test_a_preset_is_a_model(run: Run, tmp_path: Path) -> None:
+    assert run(["simulate", "--model", "guidewire", "--duration", "2", "--out", "wire.csv"]) == 0
+    force_n = load_recording(tmp_path / "wire.csv").force_n
+    assert force_n is not None
+    assert 0.003 < np.ptp(force_n) < 0.2

@@ -249,6 +249,11 @@ def test_a_stage_is_homed_twice_and_run_from_end_to_end(
     assert homing.calls == ["open", "homed", "travelled at 0.01", "homed", "stop", "close"]
 
 
+def test_home_homes_and_does_no_more(run: Run, homing: FakeHoming) -> None:
+    assert run(["home", "--config", "slave.yaml", "--axis", "insertion", "--yes"]) == 0
+    assert homing.calls == ["open", "homed", "stop", "close"]
+
+
 def test_stage_json_is_what_the_file_holds_and_quiet_says_nothing(
     run: Run, homing: FakeHoming, capsys: pytest.CaptureFixture[str]
 ) -> None:

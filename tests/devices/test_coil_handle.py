@@ -276,7 +276,7 @@ def test_states_that_come_later_and_later_are_as_none_though_they_come_all_the_t
         bench.run(190)
         assert bench.state is LinkState.READY
         bench.run(60)  # 20 ms late after 220 ms
-        assert "no state for" in bench.fallen()
+        assert "the line holds states back" in bench.fallen()
 
 
 def test_closing_takes_the_current_away_at_once() -> None:

@@ -213,7 +213,7 @@ NOISE, ANOTHER = bytes(range(128, 228)), b"@01 0 OK IDLE -- 0\r\n"
 @pytest.mark.parametrize(
     ("model", "changes", "answer", "expected"),
     [
-        (replace(MODEL, homed=False), {}, None, "expected a homed stage: run `forefeel calibrate stage`"),
+        (replace(MODEL, homed=False), {}, None, "expected a homed stage: run `forefeel home`"),
         (replace(MODEL, has_checksums=False), {}, None, "checksums stay off"),
         (replace(MODEL, max_velocity_m_s=0.09), {}, None, "stage.max_velocity_m_s = 0.1: rejected"),
         (MODEL, {"travel_m": (-0.006, 0.05)}, None, "travel_m = [-0.006, 0.05]: expected within"),

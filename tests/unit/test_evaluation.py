@@ -63,13 +63,13 @@ def test_loss_takes_its_share() -> None:
 @pytest.mark.parametrize(
     ("wrong", "words"),
     [
-        ({"delay_s": -0.1}, "--delay -0.1"),
-        ({"delay_s": float("nan")}, "--delay nan"),
+        ({"delay_s": -0.1}, "delay_s = -0.1"),
+        ({"delay_s": float("nan")}, "delay_s = nan"),
         ({"delay_s": 31.0}, "0 to 30 s"),
-        ({"delay_s": 0.3, "jitter_s": float("inf")}, "--jitter inf"),
-        ({"delay_s": 0.3, "loss": 1.0}, "--loss 1"),
-        ({"delay_s": 0.3, "loss": float("nan")}, "--loss nan"),
-        ({"delay_s": 0.3, "seed": -1}, "--seed -1"),
+        ({"delay_s": 0.3, "jitter_s": float("inf")}, "jitter_s = inf"),
+        ({"delay_s": 0.3, "loss": 1.0}, "loss = 1"),
+        ({"delay_s": 0.3, "loss": float("nan")}, "loss = nan"),
+        ({"delay_s": 0.3, "seed": -1}, "seed = -1"),
     ],
 )
 def test_a_link_that_can_not_be_is_refused(wrong: dict[str, float], words: str) -> None:

@@ -1,6 +1,7 @@
 """The front of the library: its names, and what they give."""
 
 import json
+import sys
 from dataclasses import FrozenInstanceError
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 import forefeel as ff
 from forefeel.common.recording.loading import recordings_in
 from forefeel.diagnosis.signals import Signals
+from forefeel.library import PageFigure
 from tests.unit.diagnosis_samples import FRICTION_N, made, put
 
 NAMES = {
@@ -76,7 +78,9 @@ def test_model_of_one_recording_is_confirmed_on_another(found: ff.Diagnosis) -> 
 
 
 def test_plot_shows_measured_simulated_and_extended_force(found: ff.Diagnosis) -> None:
-    above, below = found.plot().axes
+    figure = found.plot()
+    assert not isinstance(figure, PageFigure)
+    above, below = figure.axes
     assert [line.get_label() for line in above.lines] == ["measured", "simulation", "extended"]
     simulated, extended = (np.std(line.get_ydata()) for line in below.lines)  # type: ignore[arg-type]
     assert extended < 0.2 * simulated
@@ -133,3 +137,40 @@ def test_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
             exec("".join(cell["source"]), names)
     assert isinstance(names["d"], ff.Diagnosis)
     assert names["d"].verdict == "cause_found"
+
+
+def test_arrays_of_time_position_and_force_are_a_recording() -> None:
+    sample = made(friction_n=FRICTION_N)
+    assert sample.force_n is not None
+    columns = sample.time_s, sample.position_m, sample.force_n
+    frame = np.rec.fromarrays(columns, formats="f8,f8,f8", names=("Time (s)", "Position (m)", "Force (N)"))
+    for found in (ff.load(*columns), ff.load(np.column_stack(columns)), ff.load(frame)):
+        assert found.force_n is not None
+        np.testing.assert_array_equal(found.force_n, sample.force_n)
+    assert ff.load(*columns[:2]).force_n is None
+
+
+@pytest.mark.parametrize("given", [(3,), (np.zeros((4, 7)),), (np.zeros(3), np.zeros(4)), ([1, 2], "a")])
+def test_other_arrays_are_refused_in_one_line(given: tuple[object, ...]) -> None:
+    with pytest.raises(ff.ForefeelError, match="expected a file, columns by name, or time in s") as raised:
+        ff.load(*given)
+    assert len(str(raised.value).splitlines()) == 1
+
+
+def test_a_recording_says_what_it_holds() -> None:
+    lines = str(made(friction_n=FRICTION_N)).splitlines()
+    assert [line.split()[0] for line in lines] == ["Recording", "Samples", "Position", "Force"]
+    assert made()._repr_html_().count("<tr>") == 4
+
+
+def test_without_matplotlib_the_page_has_the_figure(
+    found: ff.Diagnosis, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    figure = found.plot()
+    assert isinstance(figure, PageFigure)
+    figure.savefig(tmp_path / "d.html")
+    assert "extended by the causes" in (tmp_path / "d.html").read_text(encoding="utf-8")
+    assert figure._repr_html_().startswith("<iframe")
+    with pytest.raises(ff.ForefeelError, match="pip install"):
+        figure.savefig(tmp_path / "d.png")

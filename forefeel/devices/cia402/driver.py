@@ -272,7 +272,7 @@ def _require_within_travel(device: RemoteDevice, settings: Cia402Settings, actua
     if not low - slack_m <= actual_m <= high + slack_m:
         raise DeviceSetupError(
             f"{device.name}: it is at {actual_m:.4g} m, expected within travel_m = [{low:g}, {high:g}]; "
-            "home it, or `forefeel calibrate stage`"
+            "run `forefeel home`"
         )
 
 

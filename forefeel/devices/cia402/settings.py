@@ -10,7 +10,7 @@ from forefeel.devices.shared.settings import CanSettings, NodeId, ScaledStageSet
 
 
 class HomingSettings(Settings):
-    """Homing of a CiA 402 drive, for `forefeel calibrate stage` alone.
+    """Homing of a CiA 402 drive, for `forefeel home` and `forefeel calibrate stage` alone.
 
     `method`: of object 6098: 17 and 18 are the negative and the positive limit switch, by the drive's own
     count; 37 (35 in older drives) takes where the stage stands, nothing moves. `home_m`: the position x of

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import DeviceError, DeviceSetupError
+from forefeel.common.events.text import quantity
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.messages import Grip
 from forefeel.devices.coil.protocol import (
@@ -228,10 +229,10 @@ class CoilTalk:
         assert self.newest is not None
         setpoint, age_ns = self.setpoint, now_ns - self.newest.stamp_ns
         if age_ns > self._watchdog_ns:
-            raise DeviceError(f"no state for {age_ns * 1e-6:.0f} ms")
+            raise DeviceError(_too_old(self.newest, now_ns))
         late_ns = now_ns - setpoint.stamp_ns
         if self._link.state is LinkState.READY and setpoint.current_ma and late_ns > self._watchdog_ns:
-            raise DeviceError(f"the haptic loop stands still for {late_ns * 1e-6:.0f} ms")
+            raise DeviceError(f"the haptic loop stands still for {quantity(late_ns * 1e-9, 's')}")
 
     def _command(self) -> bytes:
         ready, shown = self._link.state is LinkState.READY, self.shown
@@ -242,6 +243,17 @@ class CoilTalk:
     def _next(self) -> int:
         self._sequence = (self._sequence + 1) & 0xFFFF
         return self._sequence
+
+
+def _too_old(newest: Stamped, now_ns: int) -> str:
+    """Reason for which a state is too old: none came since, or it was old when it came."""
+    age_ns, since_ns = now_ns - newest.stamp_ns, now_ns - newest.arrived_ns
+    if age_ns < 2 * since_ns:
+        return f"no state for {quantity(age_ns * 1e-9, 's')}"
+    old = quantity(age_ns * 1e-9, "s")
+    return (
+        f"its newest state is {old} old by its own clock: that clock is slow, or the line holds states back"
+    )
 
 
 def _in_words(flags: Flag) -> str:
@@ -318,7 +330,7 @@ class CoilHandle:
         assert newest is not None
         age_s = max(0.0, (now_ns - newest.stamp_ns) * 1e-9)
         if age_s > self._settings.watchdog_s:
-            self.link.fault(f"no state for {age_s * 1e3:.0f} ms")
+            self.link.fault(_too_old(newest, now_ns))
             self.link.require_ready()
         per_m, state = self._settings.sign * self._settings.counts_per_m, newest.state
         pressed = Button.DEADMAN in state.buttons

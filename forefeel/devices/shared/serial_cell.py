@@ -5,6 +5,7 @@ from typing import Generic, TypeVar
 
 from forefeel.common.clock import Clock, MonotonicClock
 from forefeel.common.errors import DeviceError, DeviceSetupError, InputError
+from forefeel.common.events.text import quantity
 from forefeel.common.hardware.calibration import LoadCellCalibration, load_cell_calibration
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.devices.shared.conversation import Conversation, Steps
@@ -187,7 +188,7 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
                 last_ns, since = now_ns, 0
             elif silent_ns > self._silence_ns:
                 what = f"{since} bytes, but none of the {cell.expected}" if since else "nothing"
-                raise DeviceError(f"{self.link.name}: {what} for {silent_ns * 1e-6:.0f} ms")
+                raise DeviceError(f"{self.link.name}: {what} for {quantity(silent_ns * 1e-9, 's')}")
             for native in measurements:
                 self._measured(native)
             yield 0.0

@@ -94,7 +94,8 @@ def _why_not(settings: SerialSettings, error: BaseException) -> str:
     if "exclusively lock" in text or "Resource temporarily unavailable" in text or "busy" in text.lower():
         return f"{port}: busy, another process holds it; expected it free: `fuser -v {port}` names who"
     if isinstance(error, PermissionError) or "Permission denied" in text:
-        return f"{port}: not permitted; expected membership of the port's group (often dialout)"
+        group = f"$(stat -c %G {port})"
+        return f"{port}: not permitted; type: sudo usermod -aG {group} $USER, then log in again"
     return f"{port}: can not be opened at {settings.baud} baud ({_short(error)}); expected a serial port"
 
 

@@ -229,7 +229,7 @@ def require_homed(talk: ZaberTalk, link: DeviceLink) -> None:
     unhomed = sorted(UNHOMED & set(flags(talk)))
     if unhomed:
         raise DeviceSetupError(
-            f"{link.name}: {in_words(unhomed[0])}; expected a homed stage: run `forefeel calibrate stage`"
+            f"{link.name}: {in_words(unhomed[0])}; expected a homed stage: run `forefeel home`"
         )
 
 

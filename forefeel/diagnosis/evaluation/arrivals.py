@@ -11,7 +11,7 @@ from forefeel.common.errors import ConfigurationError
 
 Indices = NDArray[np.int64]
 
-# s, longest `--delay` and longest `--jitter`; both together are `methods.LONGEST_LATENESS_S`
+# s, longest `delay_s` and longest `jitter_s`; both together are `methods.LONGEST_LATENESS_S`
 LONGEST_S = 30.0
 
 
@@ -36,13 +36,13 @@ class DelayedLink:
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for option, value in ("--delay", self.delay_s), ("--jitter", self.jitter_s):
+        for name, value in ("delay_s", self.delay_s), ("jitter_s", self.jitter_s):
             if not 0.0 <= value <= LONGEST_S:
-                raise ConfigurationError(f"{option} {value:g}: expected 0 to {LONGEST_S:g} s")
+                raise ConfigurationError(f"{name} = {value:g}: expected 0 to {LONGEST_S:g} s")
         if not 0.0 <= self.loss < 1.0:
-            raise ConfigurationError(f"--loss {self.loss:g}: expected a probability from 0 to below 1")
+            raise ConfigurationError(f"loss = {self.loss:g}: expected a probability from 0 to below 1")
         if self.seed < 0:
-            raise ConfigurationError(f"--seed {self.seed}: expected 0 or more")
+            raise ConfigurationError(f"seed = {self.seed}: expected 0 or more")
 
 
 @dataclass(frozen=True, slots=True)
