@@ -6,7 +6,7 @@ from forefeel.terminal import output, suggest
 
 
 @examples("forefeel home --config slave.yaml --axis insertion")
-def home(config: ConfigFile, axis: Axis, yes: Yes = False, quiet: Quiet = False) -> None:
+def home(config: ConfigFile, axis: Axis = "insertion", yes: Yes = False, quiet: Quiet = False) -> None:
     from forefeel.calibrate.procedure import run_home  # noqa: PLC0415 - the help needs none of it
 
     with output(quiet=quiet):
