@@ -34,7 +34,7 @@ _KINDS = {
     "zoned": re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?(Z|[-+]\d\d(:?\d\d)?)"),
     "clock": re.compile(r"\d\d:\d\d:\d\d(\.\d+)?"),
 }
-_UNIT = re.compile(r"[\[(]?[A-Za-zµμ°%][A-Za-z0-9µμ°%·*/^ ]{0,7}[\])]?|[\[(][\])]|-?")
+_UNIT = re.compile(r"[\[(]?[A-Za-zµμ°%][A-Za-z0-9µμ°%·*./^ ]{0,7}[\])]?|[\[(][\])]|-?")
 
 
 @dataclass(frozen=True, slots=True)
