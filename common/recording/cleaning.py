@@ -220,11 +220,11 @@ def _spread(time_s: Array, done: list[str]) -> Array:
     far as the usual one at most, with a note in `done`. Unchanged where none are equal, with fewer than three
     different ones, or where they are too far apart to tell the rate.
     """
-    if len(time_s) < 2:
-        return time_s
     first = np.flatnonzero(np.append(True, np.diff(time_s) > 0.0))
+    if len(first) >= len(time_s) or len(first) < 3:
+        return time_s
     counts, steps = np.diff(np.append(first, len(time_s))), np.diff(time_s[first])
-    if len(first) == len(time_s) or len(first) < 3 or (usual := float(np.median(steps))) > _ROUNDED_S:
+    if (usual := float(np.median(steps))) > _ROUNDED_S:
         return time_s
     steps = np.minimum(np.append(steps, usual), max(GAP_S, 1.5 * usual))
     interval = steps / counts

@@ -57,6 +57,7 @@ _FOREIGN = re.compile(
     r"(?:[pnkKmMuµμG]?(?:[ΩVAWCFHJST]|Hz|Pa|bar|ohms?|volts?|amps?)|psi|[°º]?[CFK]|deg ?[CFK]|celsius|kelvin"
     r"|%|pct|percent|counts?|cts|digits?|lsb|bits?|ticks?|steps?|pulses?|raw|adc|rpm|px|pixels?|dB|.*[/^²³].*)"
 )
+_JOINT = _any_of("joints?|shoulder|elbow|wrist|gripper|effort")
 _GROWN = re.compile(r"([a-z]{2})([A-Z])")
 _MASSES = {"gf", "kgf", "lbf"}
 _CANONICAL: dict[Quantity, str] = {"time": "time_s", "position": "position_m", "force": "force_n"}
@@ -138,6 +139,11 @@ def is_derivative(name: str) -> bool:
 def is_rotary(name: str) -> bool:
     """True if it speaks of an angle or a torque."""
     return _ROTARY.search(_plain(name)) is not None
+
+
+def is_of_a_joint(name: str) -> bool:
+    """True of what may be an angle or a length, a torque or a force."""
+    return _JOINT.search(_plain(name)) is not None
 
 
 def axis_of(name: str) -> str:

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from forefeel.common.errors import RecordingError
-from forefeel.common.recording.columns import Choice, axis_of, is_rotary, words_of
+from forefeel.common.recording.columns import Choice, axis_of, is_of_a_joint, is_rotary, words_of
 from forefeel.common.recording.recording import Array
 from forefeel.common.recording.units import QUANTITIES, TO_SI, Quantity, si_of
 
@@ -52,17 +52,18 @@ def different(table: Table, quantity: Quantity, choices: list[Choice], notes: li
     """Choices without those that equal an earlier one row by row, with a note in `notes`, and without times
     that do not grow. A single one is not looked at.
     """
-    others: list[tuple[Choice, Array]] = []
-    for choice in choices if len(choices) > 1 else []:
+    if len(choices) < 2:
+        return choices
+    read: dict[Choice, Array] = {}
+    for choice in choices:
         values = _numbers(table, choice.column)
-        same = (
-            one for one, v in others if one.unit == choice.unit and np.array_equal(v, values, equal_nan=True)
-        )
-        if len(values) and (equal := next(same, None)) is not None:
-            notes.append(f"{choice.column} equals {equal.column} in every row")
+        rivals = [one for one in read if one.unit == choice.unit and len(values)]
+        equal = [one for one in rivals if np.array_equal(read[one], values, equal_nan=True)]
+        if equal:
+            notes.append(f"{choice.column} equals {equal[0].column} in every row")
         elif quantity != "time" or _changes(quantity, values):
-            others.append((choice, values))
-    return [choice for choice, _ in others] if len(choices) > 1 else choices
+            read[choice] = values
+    return list(read)
 
 
 def propose(
@@ -122,14 +123,12 @@ def _likeness(
 
 def doubt_about(quantity: Quantity, choices: Sequence[Choice]) -> str:
     """Words on a quantity that is not sure; `choices`: the columns that may hold it."""
+    names = ", ".join(repr(choice.column) for choice in choices)
     silent = "" if any(choice.named for choice in choices) else f"no {quantity}: no column is named so"
-    if not choices:
-        return silent
-    unknown = "no unit of {} is stated" if any(choice.unit is None for choice in choices) else ""
-    if len(choices) == 1:
-        return "; ".join(filter(None, (silent, unknown.format(repr(choices[0].column)))))
-    several = f"{', '.join(repr(choice.column) for choice in choices)} may each be the {quantity}"
-    return "; ".join(filter(None, (silent, several, unknown.format("them"))))
+    several = f"{names} may each be the {quantity}" if len(choices) > 1 else ""
+    stated = all(choice.unit for choice in choices)
+    unit = "" if stated else f"no unit of {'them' if several else names} is stated"
+    return "; ".join(filter(None, (silent, several, unit)))
 
 
 def _numbers(table: Table, name: str) -> Array:
@@ -149,7 +148,8 @@ def _changes(quantity: Quantity, values: Array) -> bool:
 
 def _likely_unit(quantity: Quantity, name: str, values: Array) -> str | None:
     """The first unit with which a bench is as large, as fast and as strong as benches are; None where there
-    is none, or the column counts: rows in place of time, or the steps of a converter.
+    is none, of a joint, which may turn or slide, or where the column counts: rows in place of time, or the
+    steps of a converter.
     """
     values = values[np.isfinite(values)]
     steps = np.diff(values)
@@ -161,7 +161,8 @@ def _likely_unit(quantity: Quantity, name: str, values: Array) -> str | None:
                 size * to_s < 10.0 or np.mean(steps == 0.0) > 0.5
             ):
                 return unit
-    if whole and (np.all(steps == 1.0) if quantity == "time" else size > _MOST_DIGITS):
+    counts = whole and (np.all(steps == 1.0) if quantity == "time" else size > _MOST_DIGITS)
+    if counts or (quantity != "time" and is_of_a_joint(name)):
         return None
     units = (_LIKELY_ROTARY if is_rotary(name) and quantity != "time" else _LIKELY)[quantity]
     return next((unit for unit, (least, most) in units.items() if least <= size <= most), None)
