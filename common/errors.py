@@ -17,6 +17,7 @@ ForefeelError
 
 import shlex
 from collections.abc import Mapping
+from typing import Any
 
 
 class ForefeelError(Exception):
@@ -47,7 +48,7 @@ class UnclearError(RecordingError):
         columns: what may be meant, by quantity, each as `unit:column`: arguments of `load`, or options.
     """
 
-    def __init__(self, doubt: str, columns: Mapping[str, str]) -> None:
+    def __init__(self, doubt: str, columns: Mapping[Any, Any]) -> None:
         super().__init__(doubt, columns)
         self.doubt, self.columns = doubt, columns
 

@@ -44,6 +44,7 @@ class ColumnSettings(Settings):
     time: str | None = None
     position: str | None = None
     force: str | None = None
+    rate_hz: float | None = None
 
     @model_validator(mode="after")
     def _units(self) -> "ColumnSettings":
@@ -54,7 +55,7 @@ class ColumnSettings(Settings):
         return self
 
     def mapping(self) -> Mapping:
-        return Mapping(self.time, self.position, self.force)
+        return Mapping(self.time, self.position, self.force, self.rate_hz)
 
 
 TICK_NS = 1_000_000

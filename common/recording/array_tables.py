@@ -1,14 +1,15 @@
-"""Tables in the files of other programs: Parquet, spreadsheets, MATLAB, HDF5, LabVIEW's TDMS."""
+"""Tables in the files of other programs: Parquet, spreadsheets, numpy, MATLAB, HDF5, LabVIEW's TDMS."""
 
 import csv
 import io
+import json
 import struct
 import warnings
 import zipfile
 import zlib
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import partial
 from math import prod
 from pathlib import Path
@@ -34,6 +35,7 @@ _OPAQUE = 17  # class of a matrix without dimensions
 _OBJECT_BYTES = 128  # of an empty array of numpy
 _LISTS = "list", "large_list", "fixed_size_list"
 _MOST_ELEMENTS = 64  # of a list in each row that become columns
+_INFO = Path("meta/info.json")  # of a data set of LeRobot, with the names of what its lists hold
 
 
 class ArrayTable:
@@ -165,27 +167,57 @@ def _as_text(path: Path) -> tuple[bytes, list[str]]:
 
 
 def parquet(path: Path) -> ArrayTable:
-    """Table of a Parquet file, whose columns are read when they are asked for. Lists become a column an
-    element, `name[i]`; structs, maps and binary columns are left out.
+    """Table of a Parquet file, or of the folder of a LeRobot data set, whose columns are read when they are
+    asked for. Lists become a column an element, `name[i]`, or `name.word` where the data set names it;
+    structs, maps and binary columns are left out. The time of each episode goes on 1 s after the last one.
 
     Raises:
         RecordingError: unreadable, or no Parquet file.
     """
     columns: dict[str, Callable[[], Array]] = {}
     units: dict[str, str] = {}
-    with reading(path, "a Parquet file", "pyarrow"), opened(path) as file:
+    files = sorted(path.glob("data/**/*.parquet")) if is_data_set(path) else [path]
+    first = next(iter(files), path / "data")  # where there is none, that is what is said
+    words = _words_of_lists(first)
+    with reading(first, "a Parquet file", "pyarrow"), opened(first) as file:
         from pyarrow.parquet import ParquetFile  # noqa: PLC0415 - slow to import, and an extra
 
         whole = ParquetFile(file)
         for field in whole.schema_arrow:
             kind = str(field.type)
             if kind.startswith(_LISTS):
-                for i in range(_elements(path, whole, field)):
-                    columns[f"{field.name}[{i}]"] = partial(_parquet_column, path, field.name, i)
+                for i in range(_elements(first, whole, field)):
+                    word = dict(enumerate(words.get(field.name, []))).get(i)
+                    name = f"{field.name}[{i}]" if word is None else f"{field.name}.{word}"
+                    columns[name] = partial(_parquet_column, files, field.name, i)
             elif not kind.startswith(("struct", "map", "binary")):
-                columns[field.name] = partial(_parquet_column, path, field.name)
+                columns[field.name] = partial(_parquet_column, files, field.name)
                 units |= {field.name: "s"} if kind.startswith(("timestamp", "duration", "time")) else {}
-    return ArrayTable(columns, units)
+    table = ArrayTable(columns, units)
+    if {"timestamp", "episode_index"} <= set(columns):
+        stamps_s, episode = table.read(["timestamp", "episode_index"])
+        begins = np.flatnonzero(np.diff(episode)) + 1
+        for begin in begins:
+            stamps_s[begin:] += stamps_s[begin - 1] + 1.0 - stamps_s[begin]
+        columns["timestamp"], table.units["timestamp"] = lambda: stamps_s, "s"
+        table.notes += [f"{len(begins) + 1} episodes, taken as runs 1 s apart"] * (len(begins) > 0)
+    return table
+
+
+def is_data_set(path: Path) -> bool:
+    """True for the folder of a LeRobot data set."""
+    return (path / _INFO).is_file()
+
+
+def _words_of_lists(path: Path) -> dict[str, list[str]]:
+    """Names of the elements of each list column of the LeRobot data set that holds the file; else empty."""
+    info = next((parent / _INFO for parent in path.absolute().parents[:4] if is_data_set(parent)), None)
+    if info is None:
+        return {}
+    with reading(info, "names of a LeRobot data set", ""), opened(info) as file:
+        words = {name: feature.get("names") for name, feature in json.load(file)["features"].items()}
+        lists = {name: next(iter(w.values()), []) if isinstance(w, dict) else w for name, w in words.items()}
+        return {name: list(map(str, w)) for name, w in lists.items() if isinstance(w, list)}
 
 
 def _elements(path: Path, whole: Any, field: Any) -> int:  # noqa: ANN401 - of pyarrow
@@ -216,7 +248,7 @@ def _require_column(path: Path, metadata: Any, name: str) -> None:  # noqa: ANN4
     require_room(path, sum(sizes), f", column {name!r}")
 
 
-def _parquet_column(path: Path, name: str, element: int | None = None) -> Array:
+def _parquet_column(files: Sequence[Path], name: str, element: int | None = None) -> Array:
     """Reads a column, or that element of its lists, as float64; what is missing is NaN, times are in s. In
     batches, so that little but the column is held. Raises RecordingError: too large, or no numbers.
     """
@@ -224,26 +256,41 @@ def _parquet_column(path: Path, name: str, element: int | None = None) -> Array:
     from pyarrow import compute  # noqa: PLC0415
     from pyarrow.parquet import ParquetFile  # noqa: PLC0415
 
-    with reading(path, "a Parquet file", "pyarrow"), opened(path) as file:
-        # a text that thousands of rows share is read once
-        whole = ParquetFile(file, pre_buffer=False, read_dictionary=[name])
-        _require_column(path, whole.metadata, name)
-        parts = []
-        for batch in whole.iter_batches(_ROWS_AT_ONCE, columns=[name], use_threads=False):
-            column = batch.column(0)
-            if element is not None:
-                column = compute.list_element(column, element)
-            if arrow.types.is_dictionary(column.type):
-                column = column.dictionary.cast("float64", safe=False).take(column.indices)
-            kind = column.type
-            if temporal := arrow.types.is_temporal(kind):
-                column = column.cast(_NANOSECONDS[str(kind).partition("[")[0]]).cast("int64")
-            values = column.cast("float64", safe=False).to_numpy(zero_copy_only=False)
-            parts.append(values * 1e-9 if temporal else values)
+    parts = []
+    for path in files:
+        with reading(path, "a Parquet file", "pyarrow"), opened(path) as file:
+            # a text that thousands of rows share is read once
+            whole = ParquetFile(file, pre_buffer=False, read_dictionary=[name] * (element is None))
+            _require_column(path, whole.metadata, name)
+            for batch in whole.iter_batches(_ROWS_AT_ONCE, columns=[name], use_threads=False):
+                column = batch.column(0)
+                if element is not None:
+                    column = compute.list_element(column, element)
+                if arrow.types.is_dictionary(column.type):
+                    column = column.dictionary.cast("float64", safe=False).take(column.indices)
+                kind = column.type
+                if temporal := arrow.types.is_temporal(kind):
+                    column = column.cast(_NANOSECONDS[str(kind).partition("[")[0]]).cast("int64")
+                values = column.cast("float64", safe=False).to_numpy(zero_copy_only=False)
+                parts.append(values * 1e-9 if temporal else values)
     return np.concatenate(parts or [np.empty(0)])
 
 
-# --- MATLAB and HDF5 ---
+# --- numpy, MATLAB and HDF5 ---
+
+
+def numpy_archive(path: Path) -> ArrayTable:
+    """Table of the arrays of numbers of an .npz that have the most common number of rows; those of Python's
+    objects, which could run code, are left out. Raises RecordingError: unreadable, too large, or no table.
+    """
+    arrays: dict[str, Any] = {}
+    with opened(path) as file, reading(path, "a file of numpy.savez", ""):
+        require_room(path, sum(part.file_size for part in zipfile.ZipFile(file).infolist()))
+        archive = np.load(file, allow_pickle=False)
+        for name in archive.files:
+            with suppress(ValueError):
+                arrays[name] = archive[name]
+    return _table(path, {name: values for name, values in arrays.items() if values.dtype.kind in "iufM"})
 
 
 def matlab(path: Path) -> ArrayTable:
@@ -262,8 +309,11 @@ def matlab(path: Path) -> ArrayTable:
             file.seek(0)
             _require_matlab_room(path, file)
             file.seek(0)
-            variables = _flat(loadmat(file, simplify_cells=True))
-    return _table(path, variables)
+            notes = list[str]()
+            variables = _flat(loadmat(file, simplify_cells=True), notes)
+    table = _table(path, variables)
+    table.notes += notes
+    return table
 
 
 def _require_matlab_room(path: Path, file: BinaryIO) -> None:
@@ -354,12 +404,18 @@ def _require_chunks(path: Path, values: Any) -> None:  # noqa: ANN401 - of h5py
         values.id.chunk_iter(check)
 
 
-def _flat(variables: Mapping[str, Any], head: str = "") -> dict[str, Array]:
-    """Numeric arrays of nested structures by dotted path, which begins with `head`; all else is left out."""
+def _flat(variables: Mapping[str, Any], notes: list[str], head: str = "") -> dict[str, Array]:
+    """Numeric arrays of nested structures by dotted path, which begins with `head`; of an array of structures
+    those of the first, with a note. All else is left out.
+    """
     arrays: dict[str, Array] = {}
-    for name, value in variables.items():
+    for name, held in variables.items():
+        value = held
+        if np.ndim(held) == 1 and len(held) > 0 and isinstance(held[0], Mapping):
+            value = held[0]
+            notes.append(f"{head}{name}: the first of {len(held)} structures")
         if isinstance(value, Mapping):
-            arrays |= _flat(value, f"{head}{name}.")
+            arrays |= _flat(value, notes, f"{head}{name}.")
         elif isinstance(value, np.ndarray) and value.dtype.kind in "iuf":
             arrays[head + name] = value
     return arrays

@@ -3,30 +3,20 @@
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from forefeel.common.errors import ConfigurationError, RecordingError, UnclearError
 from forefeel.common.recording import array_tables
-from forefeel.common.recording.cleaning import clean
-from forefeel.common.recording.columns import Choice, candidates, further, is_rotary, undecided
+from forefeel.common.recording.cleaning import clean, of_one_zero, unwrapped, without_full_scale
+from forefeel.common.recording.columns import Choice, candidates, further
 from forefeel.common.recording.mcap_reader import Run
+from forefeel.common.recording.proposals import Table, different, doubt_about, propose
 from forefeel.common.recording.recording import Array, Column, Recording
 from forefeel.common.recording.ros_table import RosTable
 from forefeel.common.recording.text_table import TextTable
-from forefeel.common.recording.units import QUANTITIES, TO_SI, Mapping, Quantity
-
-
-class Table(Protocol):
-    """Columns of numbers by name; see `TextTable`."""
-
-    names: Sequence[str]
-    units: dict[str, str]
-    notes: list[str]
-
-    def read(self, names: Sequence[str]) -> list[Array]: ...
-
+from forefeel.common.recording.units import QUANTITIES, TO_SI, Mapping, Quantity, si_of
 
 _TABLES: dict[str, Callable[[Path], Table]] = {
     ".csv": TextTable,
@@ -35,6 +25,7 @@ _TABLES: dict[str, Callable[[Path], Table]] = {
     ".dat": TextTable,
     ".parquet": array_tables.parquet,
     ".xlsx": array_tables.spreadsheet,
+    ".npz": array_tables.numpy_archive,
     ".mat": array_tables.matlab,
     ".h5": array_tables.hdf5,
     ".hdf5": array_tables.hdf5,
@@ -42,18 +33,6 @@ _TABLES: dict[str, Callable[[Path], Table]] = {
     ".bag": RosTable,
 }
 SUFFIXES = (*_TABLES, ".mcap")
-
-_LIKELY: dict[Quantity, tuple[tuple[str, ...], tuple[float, float]]] = {
-    "time": (("s", "ms", "us", "ns"), (1e-5, 0.1)),
-    "position": (("m", "mm", "um"), (5e-5, 0.5)),
-    "force": (("N", "mN"), (1e-3, 1e3)),
-}
-"""Interval, travel and force of benches in SI, and the units that are tried in turn."""
-_LIKELY_ROTARY = {
-    **_LIKELY,
-    "position": (("rad", "deg"), (1e-3, 15.0)),
-    "force": (("Nm", "mNm"), (1e-3, 1e3)),
-}
 
 
 def load(
@@ -63,6 +42,7 @@ def load(
     position: str | None = None,
     force: str | None = None,
     axis: str | None = None,
+    rate_hz: float | None = None,
 ) -> Recording:
     """A recording from a file, from arrays by name, or from a DataFrame.
 
@@ -73,12 +53,13 @@ def load(
         time, position, force: the columns, each as `unit:column`, such as `mm:laser`; by default those that
             their names tell. `Recording.taken` says which.
         axis: of a recorded run with several.
+        rate_hz: of the rows, where no column has their time.
 
     Raises:
         UnclearError: which column is what, or in which unit, is not sure; the text says what to add.
         RecordingError: it can not be read or used.
     """
-    mapping = Mapping(time, position, force)
+    mapping = Mapping(time, position, force, rate_hz)
     if isinstance(source, str | Path):
         return load_recording(Path(source), mapping, axis)
     return recording_of(array_tables.table_of(source, *beside), "data", "data", mapping)
@@ -87,7 +68,7 @@ def load(
 def load_recording(
     path: Path, mapping: Mapping | None = None, axis: str | None = None, force: bool | None = None
 ) -> Recording:
-    """The recording in a file of one of `SUFFIXES`.
+    """The recording in a file of one of `SUFFIXES`, or in the folder of a LeRobot data set.
 
     Which column is what, and its unit, is taken from the names where they say it. Rows that can not be used
     are dropped. `Recording.taken` tells both. `axis` chooses one of an MCAP file of ours; it may be left out
@@ -97,22 +78,26 @@ def load_recording(
         UnclearError: which column is what is not sure.
         RecordingError: one line that says where, which value, and what was expected.
     """
-    suffix = path.suffix.lower()
+    suffix = ".parquet" if array_tables.is_data_set(path) else path.suffix.lower()
     if suffix == ".mcap" and (run := Run(path)).axes:
         if mapping not in (None, Mapping()):
             raise RecordingError(f"{path}: a recorded run names its columns, expected no others")
         return run.to_recording(axis)
     if suffix not in SUFFIXES:
         raise RecordingError(f"{path}: suffix {suffix!r}, expected one of {', '.join(SUFFIXES)}")
-    return recording_of(_TABLES.get(suffix, RosTable)(path), path.stem, str(path), mapping, force)
+    table = RosTable(path, run.truncated) if suffix == ".mcap" else _TABLES[suffix](path)
+    return recording_of(table, path.stem, str(path), mapping, force)
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """Sorted paths of the files with one of `SUFFIXES` in a folder; hidden files are left out.
+    """Sorted paths of the files with one of `SUFFIXES` in a folder, or of a LeRobot data set that itself;
+    hidden files are left out.
 
     Raises:
         ConfigurationError: none, or the folder can not be read.
     """
+    if array_tables.is_data_set(folder):
+        return [folder]
     try:
         files = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
     except OSError as error:
@@ -129,42 +114,70 @@ def recording_of(
     """The recording in a table, in SI and cleaned; see `load_recording`, also for what is raised. `source`:
     head of error texts. The time keeps its origin, but stamps since 1970 begin at 0.
     """
-    chosen = _chosen(source, table, mapping or Mapping(), force)
-    taken = [column for column, _ in chosen.values()]
-    numbers = table.read(taken)
-    factors = [TO_SI[quantity][unit] for quantity, (_, unit) in chosen.items()]
-    time_s = (numbers[0] - _first(numbers[0])) * factors[0]
-    values = np.array([column * factor for column, factor in zip(numbers[1:], factors[1:], strict=True)])
-    beside = _further(table, taken, taken[-1])
-    values = np.vstack([values, *(column.values for column in beside)])
-    time_s, values, done = clean(time_s, values, len(chosen) - 1)
+    mapping = mapping or Mapping()
+    chosen, notes = _chosen(source, table, mapping, force)
+    time_s, rows = _in_si(table, chosen, mapping.rate_hz, notes)
+    names = [chosen[quantity][0] for quantity in QUANTITIES[1:] if quantity in chosen]
+    beside = _further(table, [column for column, _ in chosen.values()], notes)
+    time_s, values, done = clean(time_s, np.vstack([*rows, *(c.values for c in beside)]), len(rows), names)
+    notes = list(dict.fromkeys((*table.notes, *notes, *done)))
     if len(time_s) < 2:
-        notes = "".join(f"; {note}" for note in done)
-        raise RecordingError(f"{source}: {len(time_s)} sample(s){notes}, expected at least 2")
-    columns = {quantity: f"{unit}:{column}" for quantity, (column, unit) in chosen.items()}
-    force_n = values[1] if len(chosen) > 2 else None
-    noted = tuple(dict.fromkeys((*table.notes, *done)))
+        raise RecordingError(
+            f"{source}: {'; '.join([f'{len(time_s)} sample(s)', *notes])}, expected at least 2"
+        )
+    if np.any(np.diff(time_s) <= 0.0):
+        raise RecordingError(
+            f"{source}: {len(time_s):,} rows share {len(np.unique(time_s)):,} stamps: their digits are lost; "
+            f"expected all digits, or {_RATE}"
+        )
+    force_n = values[1] if len(rows) > 1 else None
+    if force_n is not None:
+        force_n, steps = of_one_zero(time_s, values[0], force_n, si_of("force", chosen["force"][1]))
+        notes += steps
     others = []
-    for column, row in zip(beside, values[len(chosen) - 1 :], strict=True):
-        known = np.isfinite(row)
-        if np.mean(known) > _KNOWN:
-            others.append(replace(column, values=np.interp(time_s, time_s[known], row[known])))
-    return Recording(name, time_s, values[0], force_n, source, columns, noted, tuple(others))
+    for column, row in zip(beside, values[len(rows) :], strict=True):
+        there = np.isfinite(row)
+        if np.mean(there) > _KNOWN:
+            others.append(replace(column, values=np.interp(time_s, time_s[there], row[there])))
+    columns = {quantity: f"{unit}:{column}" for quantity, (column, unit) in chosen.items()}
+    return Recording(name, time_s, values[0], force_n, source, columns, tuple(notes), tuple(others))
 
 
+def _in_si(
+    table: Table, chosen: "Chosen", rate_hz: float | None, notes: list[str]
+) -> tuple[Array, list[Array]]:
+    """Time, by stamps or by `rate_hz`, and the other columns, with notes on wraps and full scales."""
+    columns = table.read([column for column, _ in chosen.values()])
+    read = dict(zip(chosen, columns, strict=True))
+    if rate_hz is None:
+        to_s = TO_SI["time"][chosen["time"][1]]
+        stamps, done = unwrapped(read.pop("time"), to_s)
+        time_s = (stamps - _first(stamps)) * to_s
+    else:
+        time_s, done = np.arange(len(columns[0])) / rate_hz, [f"rows at {rate_hz:g} Hz"]
+    notes += done
+    rows = []
+    for quantity, values in read.items():
+        column, unit = chosen[quantity]
+        known, done = without_full_scale(values, column)
+        rows.append(known * TO_SI[quantity][unit])
+        notes += done
+    return time_s, rows
+
+
+_RATE = "the rate of the rows in Hz, such as --rate 50 (in Python rate_hz=50)"
 _MOST_FURTHER = 8  # columns that are kept beside: a wide table costs no more memory
 _KNOWN = 0.9  # share of its numbers that such a column needs
 
 
-def _further(table: Table, taken: Collection[str], beside: str) -> list[Column]:
-    """Columns besides those that are taken which state a unit, are numbers and change, at the stamps of the
-    column `beside`.
-    """
-    stated = further([name for name in table.names if name not in taken], table.units)[:_MOST_FURTHER]
-    if not stated:
-        return []
+def _further(table: Table, taken: Collection[str], notes: Sequence[str]) -> list[Column]:
+    """Columns besides those that are taken which state a unit, are numbers, change and equal none of them."""
+    free = [
+        n for n in table.names if n not in taken and not any(note.startswith(f"{n} equals") for note in notes)
+    ]
+    stated = further(free, table.units)[:_MOST_FURTHER]
     try:
-        *read, _ = table.read([*(name for name, _, _ in stated), beside])
+        read = table.read([name for name, _, _ in stated]) if stated else []
     except RecordingError:
         return []  # a fault in what nobody asked for
     pairs = zip(stated, read, strict=True)
@@ -182,85 +195,53 @@ Chosen = dict[Quantity, tuple[str, str]]
 """Column and unit of each quantity."""
 
 
-def _chosen(source: str, table: Table, mapping: Mapping, force: bool | None) -> Chosen:
-    """Column and unit of each quantity, as given or by its name; a force that is not given is left out where
-    `force` is False, or None and no column is named so. Raises UnclearError where in doubt, RecordingError
-    where a given column is missing or none can be meant.
+def _chosen(source: str, table: Table, mapping: Mapping, force: bool | None) -> tuple[Chosen, list[str]]:
+    """Column and unit of each quantity, as given or by its name, and notes on columns that equal one of them;
+    a force that is not given is left out where `force` is False, or None and no column is named so. No time
+    where a rate is given. Raises UnclearError where in doubt, RecordingError where a given column is missing
+    or none can be meant.
     """
-    given = mapping.columns()
-    for quantity, (column, _) in given.items():
+    chosen, notes, doubts = dict(mapping.columns()), list[str](), dict[Quantity, list[Choice]]()
+    for quantity, (column, _) in chosen.items():
         if column not in table.names:
             names = ", ".join(map(repr, table.names))
             raise RecordingError(f"{source}: no column {column!r} for the {quantity}, it has {names}")
-    chosen: Chosen = {}
-    doubts: dict[Quantity, str] = {}
-    for quantity in QUANTITIES:
-        if quantity == "force" and force is False and quantity not in given:
+    wanted = [q for q in QUANTITIES if q != "time" or mapping.rate_hz is None]
+    for quantity in wanted:
+        if quantity in chosen or (quantity == "force" and force is False):
             continue
-        if quantity in given:
-            chosen[quantity] = given[quantity]
-            continue
-        taken = {column for column, _ in (*given.values(), *chosen.values())}
-        named = candidates(table.names, table.units, quantity)
-        choices = [choice for choice in named if choice.column not in taken]
-        if len(choices) == 1 and choices[0].unit is not None:
+        taken = {column for column, _ in chosen.values()}
+        choices = candidates([name for name in table.names if name not in taken], table.units, quantity)
+        choices = different(table, quantity, choices, notes)
+        if len(choices) == 1 and choices[0].unit is not None and choices[0].named:
             chosen[quantity] = choices[0].column, choices[0].unit
-        elif choices or quantity != "force" or force:
-            doubts[quantity] = _doubt(quantity, choices)
+        elif quantity != "force" or force or any(choice.named for choice in choices):
+            doubts[quantity] = choices
     if doubts:
-        raise _unclear(source, table, chosen, doubts)
-    return chosen
+        raise _unclear(source, table, mapping, force, chosen, doubts)
+    return {quantity: chosen[quantity] for quantity in wanted if quantity in chosen}, notes
 
 
-def _doubt(quantity: Quantity, choices: Sequence[Choice]) -> str:
-    if not choices:
-        return f"no {quantity}: no column is named so"
-    if len(choices) == 1:
-        return f"no unit of {choices[0].column!r} is stated"
-    return f"{', '.join(repr(choice.column) for choice in choices)} may each be the {quantity}"
-
-
-def _unclear(source: str, table: Table, chosen: Chosen, doubts: dict[Quantity, str]) -> RecordingError:
-    """UnclearError on what is in doubt, with columns and units that are likely by names, place and numbers.
-    Raises RecordingError where no column can be meant. `doubts`: what is not sure, by quantity.
+def _unclear(
+    source: str,
+    table: Table,
+    mapping: Mapping,
+    force: bool | None,
+    chosen: Chosen,
+    doubts: dict[Quantity, list[Choice]],
+) -> RecordingError:
+    """UnclearError on what is in doubt, with columns and units that are likely, once the table was read with
+    them. RecordingError where they are not all there, or that failed.
     """
-    free = [name for name in table.names if name not in {column for column, _ in chosen.values()}]
-    likely: dict[str, str] = {}
-    for quantity, doubt in doubts.items():
-        named = candidates(free, table.units, quantity) or undecided(free, table.units, quantity)
-        numbers = {choice.column: _numbers(table, choice.column) for choice in named}
-        fits = [choice for choice in named if _fits(quantity, numbers[choice.column])]
-        if not fits:
-            names = ", ".join(map(repr, table.names))
-            raise RecordingError(
-                f"{source}: {doubt}; it has {names}, expected {quantity} = UNIT:COLUMN with one that changes"
-            )
-        best = fits[0]
-        unit = best.unit or _likely_unit(quantity, best.column, numbers[best.column])
-        likely[quantity] = f"{unit}:{best.column}"
-        free.remove(best.column)
-    return UnclearError(f"{source}: {'; '.join(doubts.values())}", likely)
-
-
-def _numbers(table: Table, name: str) -> Array:
+    likely: dict[Any, Any] = propose(table, chosen, doubts)
+    doubt = f"{source}: {'; '.join(doubt_about(*item) for item in doubts.items())}"
+    answers = ", ".join(f"{quantity} = {likely.get(quantity, 'UNIT:COLUMN')}" for quantity in doubts)
+    if len(likely) < len(doubts):
+        names = ", ".join(map(repr, table.names))
+        rate = "" if "time" in likely or "time" not in doubts else f"; or {_RATE}"
+        return RecordingError(f"{doubt}; it has {names}, expected {answers}{rate}")
     try:
-        return table.read([name])[0]
-    except RecordingError:
-        return np.empty(0)
-
-
-def _fits(quantity: Quantity, values: Array) -> bool:
-    """True if a column may be that quantity: it changes, and a time mostly grows."""
-    values = values[np.isfinite(values)]
-    if len(values) < 2 or np.ptp(values) == 0.0:
-        return False
-    return quantity != "time" or float(np.mean(np.diff(values) >= 0.0)) > 0.99
-
-
-def _likely_unit(quantity: Quantity, name: str, values: Array) -> str:
-    """The first unit with which a bench is as large, as fast and as strong as benches are."""
-    values = values[np.isfinite(values)]
-    steps = np.diff(values)
-    size = float(np.median(steps[steps > 0.0]) if quantity == "time" else np.ptp(values))
-    units, (least, most) = (_LIKELY_ROTARY if is_rotary(name) else _LIKELY)[quantity]
-    return next((unit for unit in units if least <= size * TO_SI[quantity][unit] <= most), units[0])
+        recording_of(table, "", source, replace(mapping, **likely), force)
+    except RecordingError as error:
+        return RecordingError(f"{doubt}; with {answers}: {str(error).removeprefix(f'{source}: ')}")
+    return UnclearError(doubt, likely)

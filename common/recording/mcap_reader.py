@@ -24,6 +24,7 @@ from forefeel.common.topics import FORCE, MASTER_IMPAIRMENT, SLAVE_IMPAIRMENT, T
 M = TypeVar("M", bound=Message)
 Columns = dict[str, NDArray[Any]]
 
+CUT = "the file is cut off: what follows its last whole chunk is lost"
 _BLOCK_MESSAGES = 4096
 _NUMBERS = {bool, int, float, NoneType}
 _LIST_OF = cache(lambda kind: TypeAdapter(list[kind]))  # type: ignore[valid-type]
@@ -147,6 +148,7 @@ class Run:
             position_m=self.column(axis, FORCE, "position_m")[chosen],
             force_n=self.column(axis, FORCE, "force_n")[chosen],
             source=f"{self.path}: axis {axis}",
+            notes=(CUT,) * self.truncated,
             further=tuple(self._positions(axis, stamps_ns)),
         )
 

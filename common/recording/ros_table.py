@@ -3,6 +3,7 @@
 import bz2
 from array import array
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from functools import partial
 from math import inf
 from pathlib import Path
@@ -11,9 +12,12 @@ from typing import Any
 import lz4.frame
 import numpy as np
 from mcap.reader import NonSeekingReader
+from numpy.typing import NDArray
 
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.array_tables import reading
+from forefeel.common.recording.mcap_reader import CUT
+from forefeel.common.recording.mcap_records import DAMAGE
 from forefeel.common.recording.recording import Array, opened, require_room, room_of, unpacked
 
 _UNITS = {"force": "N", "torque": "Nm", "position": "m"}
@@ -28,63 +32,60 @@ _MOST_ELEMENTS = 32  # of an array in a message that become columns
 
 
 class RosTable:
-    """The numbers of each topic as columns `topic.field`, at the stamps of the last one that is read; those
-    of other topics are interpolated.
+    """The numbers of each topic as columns `topic.field`, with a row for each message of any topic, by its
+    stamp; in the rows of other topics they are NaN.
 
     Attributes: see `TextTable`.
     """
 
-    def __init__(self, path: Path) -> None:
-        """Reads all of the file.
+    def __init__(self, path: Path, cut: bool = False) -> None:
+        """Reads all of the file; of an MCAP file that is `cut` off what is before.
 
         Raises:
             RecordingError: not installed, unreadable, damaged, or no numbers in it.
         """
-        self._path = path
-        self._stamps_s: dict[str, list[float]] = {}
+        stamps_s: dict[str, list[float]] = {}
         read: dict[str, dict[str, array[float]]] = {}
         room = room_of(path)
-        for topic, log_ns, message, size in _messages(path):
+        for topic, log_ns, message, size in _messages(path, cut):
             values = dict(_numbers(message, ""))
             if (room := room - max(size, 8 * len(values))) < 0:
                 raise RecordingError(f"{path}: unpacks to more than {room_of(path)} bytes")
             header = values.pop(".header.stamp.sec", None), values.pop(".header.stamp.nanosec", 0.0)
             stamp_s = log_ns * 1e-9 if header[0] is None else header[0] + header[1] * 1e-9
-            self._stamps_s.setdefault(topic, []).append(stamp_s)
+            stamps_s.setdefault(topic, []).append(stamp_s)
             if topic not in read:
                 read[topic] = {field: array("d") for field in values}
             for field, column in read[topic].items():
                 column.append(values.get(field, np.nan))
-        self._columns: dict[str, tuple[str, Array]] = {}
+        joined_s = np.concatenate([np.array(stamps) for stamps in stamps_s.values()] or [np.empty(0)])
+        order = np.argsort(joined_s, kind="stable")
+        rows = dict(
+            zip(
+                stamps_s, np.split(np.argsort(order), np.cumsum([*map(len, stamps_s.values())])), strict=False
+            )
+        )
+        self._time_s = joined_s[order]
+        self._columns: dict[str, tuple[NDArray[np.int64], Array]] = {}
         self.units: dict[str, str] = {"time": "s"}
         for topic, columns in read.items():
             for field, column in columns.items():
                 if np.ptp(numbers := np.array(column)) > 0.0:  # what stays as it is tells nothing
                     name = topic + field
-                    self._columns[name] = topic, numbers
+                    self._columns[name] = rows[topic], numbers
                     self.units[name] = next((u for word, u in _UNITS.items() if f".{word}" in field), "")
         if not self._columns:
             raise RecordingError(f"{path}: no message with numbers that change, expected force and position")
         self.names: Sequence[str] = ("time", *self._columns)
-        self.notes: list[str] = []
+        self.notes = [CUT] * cut
 
     def read(self, names: Sequence[str]) -> list[Array]:
-        """Columns at the stamps of the last one's topic."""
-        topic = self._columns[names[-1]][0]
-        time_s = np.array(self._stamps_s[topic])
-        return [time_s if name == "time" else self._at(time_s, topic, name) for name in names]
+        return [self._time_s if name == "time" else self._column(name) for name in names]
 
-    def _at(self, time_s: Array, topic: str, name: str) -> Array:
-        """Column at `time_s`, the stamps of `topic`. One of another topic is interpolated, NaN before its
-        first and after its last stamp, and adds a note.
-        """
-        source, values = self._columns[name]
-        if source == topic:
-            return values
-        stamps_s = np.array(self._stamps_s[source])
-        order = np.argsort(stamps_s, kind="stable")
-        self.notes.append(f"{name} interpolated at the stamps of {topic}")
-        return np.interp(time_s, stamps_s[order], values[order], left=np.nan, right=np.nan)
+    def _column(self, name: str) -> Array:
+        column, (rows, values) = np.full(len(self._time_s), np.nan), self._columns[name]
+        column[rows] = values
+        return column
 
 
 def _numbers(value: Any, head: str) -> Iterator[tuple[str, float]]:  # noqa: ANN401 - a message of any kind
@@ -103,7 +104,7 @@ def _numbers(value: Any, head: str) -> Iterator[tuple[str, float]]:  # noqa: ANN
                 yield from _numbers(getattr(value, field), f"{head}.{field}")
 
 
-def _messages(path: Path) -> Iterator[tuple[str, int, Any, int]]:
+def _messages(path: Path, cut: bool) -> Iterator[tuple[str, int, Any, int]]:
     """Yields topic, log time in ns, message and packed bytes of each message of a bag, or in CDR of an MCAP
     file. Raises RecordingError: not installed, unreadable, damaged, or too large.
     """
@@ -114,14 +115,15 @@ def _messages(path: Path) -> Iterator[tuple[str, int, Any, int]]:
         if path.suffix.lower() == ".mcap":
             store, sizes = get_typestore(Stores.ROS2_HUMBLE), dict[str, Size]()
             # in the order of the file, whose chunks `Run` has measured
-            for schema, channel, record in NonSeekingReader(file).iter_messages(log_time_order=False):
-                if schema is None or channel.message_encoding != "cdr":
-                    continue
-                if schema.name not in store.types and schema.encoding == "ros2msg":
-                    store.register(get_types_from_msg(schema.data.decode(), schema.name))
-                _require_message(path, schema.name, len(record.data), store.fielddefs, sizes)
-                message = store.deserialize_cdr(record.data, schema.name)
-                yield channel.topic, record.log_time, message, len(record.data)
+            with suppress(*(DAMAGE if cut else ())):
+                for schema, channel, record in NonSeekingReader(file).iter_messages(log_time_order=False):
+                    if schema is None or channel.message_encoding != "cdr":
+                        continue
+                    if schema.name not in store.types and schema.encoding == "ros2msg":
+                        store.register(get_types_from_msg(schema.data.decode(), schema.name))
+                    _require_message(path, schema.name, len(record.data), store.fielddefs, sizes)
+                    message = store.deserialize_cdr(record.data, schema.name)
+                    yield channel.topic, record.log_time, message, len(record.data)
             return
         with AnyReader([path]) as reader:
             sizes = {}

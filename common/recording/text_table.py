@@ -34,7 +34,7 @@ _KINDS = {
     "zoned": re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d(\.\d+)?)?(Z|[-+]\d\d(:?\d\d)?)"),
     "clock": re.compile(r"\d\d:\d\d:\d\d(\.\d+)?"),
 }
-_UNIT = re.compile(r"[\[(]?[A-Za-zµμ°%][A-Za-z0-9µμ°%·*/^ ]{0,7}[\])]?|[\[(][\])]|-?")
+_UNIT = re.compile(r"[\[(]?[A-Za-zµμ°%][A-Za-z0-9µμ°%·*./^ ]{0,7}[\])]?|[\[(][\])]|-?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,6 +230,7 @@ def _header(above: list[list[str]], width: int) -> tuple[list[str], list[str]]:
     """Names and units of `width` columns from the cells of the lines above the first row; a comment may be
     the header. A column without a name has its number, without a row of units an empty one.
     """
+    above = [c[1:] if len(c) == width + 1 and c[0].endswith(":") else c for c in above]  # columns: t x F
     lines = [cells for cells in above if len(cells) == width or len(cells) == width - 1]
     if not lines:
         return [str(i + 1) for i in range(width)], [""] * width

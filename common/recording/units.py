@@ -1,8 +1,8 @@
 """Units of imported columns, each with its factor to SI, and the text `unit:column` that names both."""
 
 from dataclasses import dataclass
-from math import isclose, pi
-from typing import Literal, get_args
+from math import inf, isclose, pi
+from typing import Any, Literal, get_args
 
 from forefeel.common.errors import RecordingError
 
@@ -17,21 +17,24 @@ TO_SI: dict[Quantity, dict[str, float]] = {
     },
     "force": {
         "N": 1.0, "mN": 1e-3, "uN": 1e-6, "kN": 1e3, "gf": 9.80665e-3, "kgf": 9.80665, "lbf": 4.4482216152605,
-        "kip": 4448.2216152605, "MN": 1e6, "Nm": 1.0, "mNm": 1e-3, "Ncm": 1e-2,
+        "kip": 4448.2216152605, "MN": 1e6, "Nm": 1.0, "mNm": 1e-3, "Ncm": 1e-2, "Nmm": 1e-3,
     },
 }  # fmt: skip
 """For a rotation rad stand for m, and N m for N."""
 _OTHER_WORDS: dict[Quantity, dict[str, str]] = {
     "time": {
         "sec": "s", "secs": "s", "second": "s", "seconds": "s", "sek": "s", "msec": "ms", "millis": "ms",
-        "milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns", "minutes": "min",
+        "milliseconds": "ms", "microseconds": "us", "nanoseconds": "ns", "minutes": "min", "micros": "us",
+        "с": "s", "мс": "ms", "秒": "s",
     },
     "position": {
         "meter": "m", "meters": "m", "metre": "m", "millimeter": "mm", "millimeters": "mm", "micron": "um",
         "microns": "um", "inch": "in", "inches": "in", "radian": "rad", "radians": "rad", "degree": "deg",
-        "degrees": "deg", "°": "deg", "turns": "turn",
+        "degrees": "deg", "°": "deg", "turns": "turn", "м": "m", "мм": "mm",
     },
-    "force": {"newton": "N", "newtons": "N", "g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf"},
+    "force": {"newton": "N", "newtons": "N", "g": "gf", "kg": "kgf", "lb": "lbf", "lbs": "lbf", "н": "N",
+        "кн": "kN",
+    },
 }  # fmt: skip
 
 
@@ -45,7 +48,7 @@ def unit_of(quantity: Quantity, text: str) -> str | None:
 
 
 _ANGLES = {"rad", "deg", "turn"}
-_TORQUES = {"Nm", "mNm", "Ncm"}
+_TORQUES = {"Nm", "mNm", "Ncm", "Nmm"}
 _TEMPERATURES = {"K", "kelvin", "degC", "°C", "celsius"}
 
 
@@ -92,17 +95,27 @@ def rescaled(quantity: Quantity, unit: str, factor: float) -> str | None:
 @dataclass(frozen=True, slots=True)
 class Mapping:
     """Columns of time, position and force, each as `unit:column`, e.g. `mm:laser`; None: as their names say.
+    `rate_hz`: of the rows of a table in which no column has their time.
 
     Raises:
-        RecordingError: see `parse_column`.
+        RecordingError: see `parse_column`; a rate that is none, or a time beside it.
     """
 
     time: str | None = None
     position: str | None = None
     force: str | None = None
+    rate_hz: float | None = None
 
     def __post_init__(self) -> None:
         self.columns()
+        if self.rate_hz is not None and not (0.0 < self.rate_hz < inf and self.time is None):
+            raise RecordingError(
+                f"rate = {self.rate_hz:g}: expected a rate in Hz, and no time column beside it"
+            )
+
+    def options(self) -> dict[str, Any]:
+        """Names and values of the command line's options for it."""
+        return {"time": self.time, "position": self.position, "force": self.force, "rate": self.rate_hz}
 
     def columns(self) -> dict[Quantity, tuple[str, str]]:
         """(column, unit) of what is given."""

@@ -11,6 +11,7 @@ from forefeel.commands.options import (
     PositionColumn,
     Quiet,
     ResultsFolder,
+    RowRate,
     TimeColumn,
     examples,
 )
@@ -55,6 +56,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
     time_column: TimeColumn = None,
     position_column: PositionColumn = None,
     force_column: ForceColumn = None,
+    row_rate: RowRate = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
@@ -64,7 +66,7 @@ def diagnose(  # noqa: PLR0913, PLR0917 - one parameter per option
     from forefeel.results.task import Task  # noqa: PLC0415
 
     with output(as_json, quiet):
-        columns = Mapping(time_column, position_column, force_column)
+        columns = Mapping(time_column, position_column, force_column, row_rate)
         given = load_model(model) if model else None
         task = Task(files[0], (), columns, axis, given, replay, page, as_is, confirm)
         run_diagnosis(files, out, task, together, jobs, scheduler, overwrite)

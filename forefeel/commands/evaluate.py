@@ -1,6 +1,5 @@
 """`forefeel evaluate`."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +11,7 @@ from forefeel.commands.options import (
     PositionColumn,
     Quiet,
     ResultsFolder,
+    RowRate,
     TimeColumn,
     examples,
 )
@@ -42,6 +42,7 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     time_column: TimeColumn = None,
     position_column: PositionColumn = None,
     force_column: ForceColumn = None,
+    row_rate: RowRate = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
@@ -52,11 +53,11 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
 
     link = DelayedLink(delay, jitter, loss, seed)
     with output(as_json, quiet):
-        columns = Mapping(time_column, position_column, force_column)
+        columns = Mapping(time_column, position_column, force_column, row_rate)
         loaded = run_evaluation(files, link, model, columns, axis, out, overwrite)
         for rule in stated(link, loaded) if rules else ():
             say(rule)
         if loaded is None:
-            suggest("diagnose", files[0], axis=axis, out=out, **asdict(columns))
+            suggest("diagnose", files[0], axis=axis, out=out, **columns.options())
         elif not loaded.columns:  # a loopback has one axis
             suggest("loopback", impairment="paper", master_model=model)

@@ -34,9 +34,19 @@ AcceptPrior = Annotated[
 Duration = Annotated[
     float | None, typer.Option("--duration", min=0.0, help="End after this many seconds.", metavar="S")
 ]
-TimeColumn = Annotated[str | None, typer.Option("--time", metavar="UNIT:COLUMN")]
-PositionColumn = Annotated[str | None, typer.Option("--position", metavar="UNIT:COLUMN")]
-ForceColumn = Annotated[str | None, typer.Option("--force", metavar="UNIT:COLUMN")]
+_COLUMN_HELP = "Column and its unit, e.g. {}; default: by the names."
+TimeColumn = Annotated[
+    str | None, typer.Option("--time", metavar="UNIT:COLUMN", help=_COLUMN_HELP.format("ms:elapsed"))
+]
+PositionColumn = Annotated[
+    str | None, typer.Option("--position", metavar="UNIT:COLUMN", help=_COLUMN_HELP.format("mm:laser"))
+]
+ForceColumn = Annotated[
+    str | None, typer.Option("--force", metavar="UNIT:COLUMN", help=_COLUMN_HELP.format("N:Load cell"))
+]
+RowRate = Annotated[
+    float | None, typer.Option("--rate", metavar="HZ", help="Of the rows, where no column has their time.")
+]
 ResultsFolder = Annotated[
     Path | None, typer.Option("--out", metavar="DIR", help="For the results; default: named after FILE.")
 ]

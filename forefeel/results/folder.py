@@ -77,7 +77,7 @@ def run_folder(task: Task, out: Path, jobs: int, scheduler: str | None, overwrit
         )
     if len(summary.diagnosed) > 1:
         files = [file for file in files if file.stem in summary.diagnosed] if summary.skipped else [task.file]
-        suggest("diagnose", *files, "--together", out=out / "together", **asdict(task.columns))
+        suggest("diagnose", *files, "--together", out=out / "together", **task.columns.options())
 
 
 def _free(files: Iterable[Path], out: Path, overwrite: bool, summary: Summary) -> Iterator[Path]:

@@ -1,10 +1,11 @@
 """One diagnosis from its options to the answer."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 from forefeel.common.errors import ConfigurationError, RunError
+from forefeel.common.recording.array_tables import is_data_set
 from forefeel.common.recording.loading import recordings_in
 from forefeel.files import folder_named_after, fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
@@ -52,9 +53,10 @@ def run_diagnosis(
             f"{beside[0]}: a second recording; expected --together for one answer to all, or a folder"
         )
     task = replace(task, file=first, beside=tuple(beside))
-    if first.is_dir() and task.confirm is not None:
+    folder = first.is_dir() and not is_data_set(first)
+    if folder and task.confirm is not None:
         raise ConfigurationError(f"--confirm: {first} is a folder; expected one recording, or --together")
-    if first.is_dir():
+    if folder:
         run_folder(task, out, jobs, scheduler, overwrite)
         return
     if scheduler is not None:
@@ -72,7 +74,7 @@ def run_diagnosis(
             draw(page, name, out, written)
         diagnosis = result.diagnosis
         if (diagnosis.names_causes or diagnosis.verdict == "nothing_missing") and task.axis is None:
-            suggest("evaluate", first, *beside, model=out / MODEL, out=out, **asdict(task.columns))
+            suggest("evaluate", first, *beside, model=out / MODEL, out=out, **task.columns.options())
 
 
 def draw(page: Callable[[], str], name: str, out: Path, written: list[str]) -> None:

@@ -242,6 +242,21 @@ def test_millimetres_are_asked_for_with_command_that_works(
     assert run(["diagnose", "in mm.csv", "--as-is", "--no-page", "--overwrite"]) == 0
 
 
+def test_a_command_is_not_printed_where_it_would_be_refused(
+    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    whole = made(5.0, friction_n=FRICTION_N)
+    for duration_s, refusal in ((1.0, "s long, expected at least 3 s"), (5.0, None)):
+        part = whole.cut(whole.time_s < duration_s)
+        assert part.force_n is not None
+        rows = np.column_stack([part.time_s, 1e3 * part.position_m, part.force_n])
+        np.savetxt(tmp_path / "plain.csv", rows, "%.9g", ",", header="Time,Displacement,Load", comments="")
+        assert run(["diagnose", str(tmp_path / "plain.csv")]) == 2
+        asked = capsys.readouterr().err
+        assert ("then type" in asked) == (refusal is None)
+        assert (refusal or "--position mm:Displacement") in asked
+
+
 def test_of_several_axes_one_has_to_be_named(
     run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

@@ -110,6 +110,15 @@ def matlab(path: Path) -> None:
     scipy.io.savemat(path, {"rec": {"t_s": T_S, "x_mm": 1e3 * X_M, "F_N": F_N, "note": "run 3"}})
 
 
+def structures(path: Path) -> None:
+    trial = np.array([(T_S, 1e3 * X_M, F_N)] * 2, dtype=[(name, object) for name in ("t_s", "pos_mm", "F_N")])
+    scipy.io.savemat(path, {"trial": trial})
+
+
+def numpy_archive(path: Path) -> None:
+    np.savez(path, t_s=T_S, x_mm=1e3 * X_M, F_N=F_N, rig=np.array({"number": 7}, dtype=object))
+
+
 def matlab_73(path: Path) -> None:
     with h5py.File(path, "w", userblock_size=512) as file:
         for name, values in (("time_s", T_S), ("position_mm", 1e3 * X_M), ("force_N", F_N)):
@@ -193,6 +202,8 @@ def mcap(path: Path) -> None:
 WRITTEN: dict[str, Callable[[Path], None]] = {
     "title.xlsx": spreadsheet,
     "v5.mat": matlab,
+    "structures.mat": structures,
+    "arrays.npz": numpy_archive,
     "v73.mat": matlab_73,
     "waveform.tdms": tdms,
     "float32.parquet": parquet("float32"),

@@ -1,7 +1,9 @@
 """Recordings as people have them: taken for what they are, or refused with what to add."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import h5py
 import numpy as np
@@ -10,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from forefeel.common.errors import RecordingError, UnclearError
 from forefeel.common.recording.loading import load_recording
@@ -19,6 +22,13 @@ from tests.unit import people
 from tests.unit.people import F_N, T_S, X_M, text
 
 _SI = "time_s,position_m,force_n"
+X_STILL = X_M[0] + 0.1 * X_M
+
+
+def table(header: str, *columns: NDArray[Any]) -> str:
+    """Rows of the columns; what is NaN is left empty."""
+    rows = (",".join("" if np.isnan(v) else f"{v:.10g}" for v in row) for row in zip(*columns, strict=True))
+    return "\n".join([header, *rows]) + "\n"
 
 
 def written(folder: Path, content: str | bytes, suffix: str = "csv") -> Path:
@@ -73,6 +83,16 @@ def test_files_of_other_programs_are_read(tmp_path: Path, name: str) -> None:
         (text("", scale=1e3), ("s:1", "mm:2", "N:3")),
         (text("time_s,motor,a b", scale=1e3), (None, "mm:motor", "N:a b")),
         (of_a_joint(), ("s:t", "rad:mq", "Nm:mtorque")),
+        (table("t,tcp_x,tcp_z,Fx,Fz", T_S, X_STILL, X_M, 0.1 * F_N, F_N), ("s:t", "m:tcp_z", "N:Fz")),
+        (
+            table("t_s,a.pos,b.pos,b.force (N)", T_S, X_STILL, X_M, F_N),
+            (None, "m:b.pos", None),
+        ),
+        (
+            table("t,s,Course,t,s,Course\nsec,N,mm,sec,N,mm", T_S, F_N, 1e3 * X_M, T_S, 2 * F_N, 1e3 * X_M),
+            (None, None, "N:s 2"),
+        ),
+        (text("X_Value,LVDT (mm),Force (N)", scale=1e3), ("s:X_Value", "mm:LVDT (mm)", None)),
         (text("time_s,position_a_m,force_n\n"), None),
     ],
 )
@@ -88,6 +108,43 @@ def test_what_is_not_sure_is_asked_and_answered(
     expected = zip(("time", "position", "force"), columns, strict=True)
     assert caught.value.columns == {quantity: text for quantity, text in expected if text}
     assert_whole(load_recording(path, Mapping(**caught.value.columns), force=True))
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        "time_s,position_m,rs_raw_ohm", "time_s,position_m,Dev1/ai0 (V)", "time_s,position_m,tag_id",
+        "time_s,position_m,hx711_raw", "time_s,position_m,load_pct", "time_s,position_m,std_force_n",
+        "time_s,position_m,force_cmd (N)", "Index,position_m,force_n", "time_s,vX,force_n",
+        "time_s,pose_4,force_n", "time_s,Strain (%),force_n", "time_s,observation.state[0],force_n",
+        "time_s,position_counts,force_n",
+        "time_s,Vibration (g),force_n",
+    ],
+)  # fmt: skip
+def test_no_column_is_offered_that_states_another_quantity(tmp_path: Path, header: str) -> None:
+    with pytest.raises(
+        RecordingError, match=r": no (time|position|force): no column is named so; it has"
+    ) as caught:
+        load_recording(written(tmp_path, text(header)), force=True)
+    assert not isinstance(caught.value, UnclearError)
+
+
+def test_rows_without_time_need_their_rate(tmp_path: Path) -> None:
+    counted = table("No,position_m,force_n", np.arange(len(T_S)), X_M, F_N)
+    recording = load_recording(written(tmp_path, counted), Mapping(rate_hz=200.0), force=True)
+    assert_whole(recording)
+    assert "rows at 200 Hz" in recording.taken
+    for mapping in ({"rate_hz": 0.0}, {"rate_hz": 50.0, "time": "s:No"}):
+        with pytest.raises(RecordingError, match="expected a rate in Hz"):
+            Mapping(**mapping)
+
+
+def test_a_proposal_is_tried_before_it_is_made(tmp_path: Path) -> None:
+    stamps = 1.7e9 + 128.0 * (T_S > 1.0)
+    path = written(tmp_path, table("stamp,position_m,force_n", stamps, X_M, F_N))
+    with pytest.raises(RecordingError, match=r"with time = s:stamp: .* digits are lost; .* --rate") as caught:
+        load_recording(path, force=True)
+    assert not isinstance(caught.value, UnclearError)
 
 
 def lines(header: str = _SI) -> list[str]:
@@ -129,13 +186,96 @@ def misplaced() -> str:
         (run_twice(), 800, "the time goes back (1 x): taken as 2 runs"),
         (misplaced(), 400, "2 rows put in their order"),
         (text(_SI)[:-15], 399, "the last line, which is cut off"),
+        (table("micros,position_m,force_n", (1e6 * T_S + 2.0**32 - 1e6) % 2.0**32, X_M, F_N), 400, "2^32 us"),
+        (table("t_s,position_m,force_n", (T_S + 4294.0) % 4294.967296, X_M, F_N), 400, "2^32 us"),
+        (
+            table(_SI, T_S, X_M, np.where(np.arange(400) % 150 == 149, 8388.607, F_N)),
+            398,
+            "2 x 8388.607 (2^23 - 1) in force_n, full scale",
+        ),
+        (table(_SI, np.floor(100.0 * T_S + 1e-6) / 100.0, X_M, F_N), 400, "lost their digits below 0.01 s"),
+        (table("time_s,position_m,F (N),F (N)", T_S, X_M, F_N, F_N), 400, "F (N) 4 equals F (N) 3"),
     ],
-    ids=["missing", "doubled", "two_runs", "misplaced", "cut"],
+    ids=["missing", "doubled", "two_runs", "misplaced", "cut", "us", "s", "scale", "digits", "equal"],
 )
 def test_what_is_dropped_or_moved_is_said(tmp_path: Path, content: str, count: int, note: str) -> None:
     recording = load_recording(written(tmp_path, content))
     assert len(recording) == count
     assert any(note in each for each in recording.notes)
+
+
+def every(step: int, values: NDArray[np.float64], first: int = 0) -> NDArray[np.float64]:
+    return np.where(np.arange(len(values)) % step == first, values, np.nan)
+
+
+@pytest.mark.parametrize(
+    ("position", "force", "rate_hz", "note"),
+    [
+        (every(4, X_M), F_N, 200.0, "position_m, of 50 Hz, is interpolated at the 200 Hz of force_n"),
+        (every(2, X_M), every(2, F_N, 1), 100.0, "position_m, of 100 Hz, is interpolated at the 100 Hz"),
+        (X_M, every(4, F_N), 50.0, "force_n, of 50 Hz, is the slower"),
+        (
+            X_M[np.arange(400) // 4 * 4],
+            F_N,
+            200.0,
+            "position_m is held: it changes at 50 Hz in rows of 200 Hz",
+        ),
+        (X_M, F_N[np.arange(400) // 4 * 4], 50.0, "force_n is held: it changes at 50 Hz in rows of 200 Hz"),
+    ],
+    ids=["slow_position", "apart", "slow_force", "held_position", "held_force"],
+)
+def test_columns_of_two_rates_are_used_at_the_stamps_of_the_force(
+    tmp_path: Path, position: NDArray[np.float64], force: NDArray[np.float64], rate_hz: float, note: str
+) -> None:
+    recording = load_recording(written(tmp_path, table(_SI, T_S, position, force)), force=True)
+    assert recording.rate_hz == pytest.approx(rate_hz)
+    assert note in recording.taken
+    np.testing.assert_allclose(recording.position_m, np.interp(recording.time_s, T_S, X_M), atol=3e-6)
+    assert recording.force_n is not None
+    np.testing.assert_allclose(recording.force_n, np.interp(recording.time_s, T_S, F_N), atol=1e-6)
+
+
+def test_a_slow_column_is_not_interpolated_over_a_gap(tmp_path: Path) -> None:
+    position = every(4, X_M)
+    position[101:199] = np.nan
+    recording = load_recording(written(tmp_path, table(_SI, T_S, position, F_N)))
+    assert not np.any((recording.time_s > T_S[100]) & (recording.time_s < T_S[200]))
+    assert len(recording) > 290
+
+
+def test_a_coarse_encoder_and_one_at_rest_are_not_held(tmp_path: Path) -> None:
+    for x in (np.round(X_M, 3), np.where(T_S < 1.0, X_M[200], X_M)):
+        assert load_recording(written(tmp_path, table(_SI, T_S, x, F_N))).notes == ()
+
+
+def test_a_cell_that_is_tared_again_is_told_and_has_one_zero(tmp_path: Path) -> None:
+    noise = 1e-3 * np.random.default_rng(1).standard_normal(len(T_S))
+    tared = F_N + noise + 0.6 * (T_S > 1.2)
+    recording = load_recording(written(tmp_path, table(_SI, T_S, X_M, tared)))
+    assert any(note.startswith("a step of 0.6 N at 1.205 s: tared again?") for note in recording.notes)
+    assert recording.force_n is not None
+    np.testing.assert_allclose(recording.force_n, F_N, atol=0.01)
+    stiffer = F_N + noise + (T_S > 1.2) * 30.0 * X_M  # what a change of the stiffness makes is none
+    assert load_recording(written(tmp_path, table(_SI, T_S, X_M, stiffer))).notes == ()
+
+
+def test_episodes_of_lerobot_are_runs_with_their_names(tmp_path: Path) -> None:
+    (tmp_path / "meta").mkdir()
+    (tmp_path / "data" / "chunk-000").mkdir(parents=True)
+    info = {"features": {"observation.state": {"names": {"motors": ["slide.pos", "slide.force"]}}}}
+    (tmp_path / "meta" / "info.json").write_text(json.dumps(info))
+    for episode in (0, 1):
+        columns = {"timestamp": T_S[:50], "episode_index": np.full(50, episode)}
+        state = pa.array(np.column_stack([1e3 * X_M, F_N])[:50].tolist())
+        path = tmp_path / "data" / "chunk-000" / f"episode_{episode:06d}.parquet"
+        pq.write_table(pa.table({"observation.state": state, **columns}), path)
+    with pytest.raises(UnclearError) as caught:
+        load_recording(tmp_path, force=True)
+    names = {"position": "mm:observation.state.slide.pos", "force": "N:observation.state.slide.force"}
+    assert caught.value.columns == names
+    recording = load_recording(tmp_path, Mapping(**caught.value.columns), force=True)
+    assert (len(recording), len(recording.segments())) == (100, 2)
+    assert "2 episodes" in recording.taken
 
 
 def test_rounded_stamps_are_spread_evenly(tmp_path: Path) -> None:
@@ -160,7 +300,7 @@ def test_a_mapping_names_columns_and_units(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "mapping", [{"time": "h:t"}, {"position": "N:x"}, {"force": "load"}, {"position": ":x"}]
 )
-def test_mapping_without_unit_or_column_is_refused(mapping: dict[str, str]) -> None:
+def test_mapping_without_unit_or_column_is_refused(mapping: dict[str, Any]) -> None:
     ((name, value),) = mapping.items()
     with pytest.raises(RecordingError, match=f"^{name} = {value!r}: "):
         Mapping(**mapping)

@@ -14,10 +14,11 @@ from forefeel.common.codec import encode
 from forefeel.common.errors import RecordingError, RunError
 from forefeel.common.messages import ImpairmentTrace, SafetyEvent, SafetyState
 from forefeel.common.recording.loading import load_recording
-from forefeel.common.recording.mcap_reader import Run
+from forefeel.common.recording.mcap_reader import CUT, Run
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.recording.units import Mapping
 from forefeel.common.topics import COMMAND, FORCE, MASTER_IMPAIRMENT, SAFETY_EVENT, SLAVE_STATE
+from tests.unit import people
 from tests.unit.failing import refusing
 from tests.unit.recording_samples import (
     AXIS,
@@ -168,6 +169,16 @@ def test_a_recording_is_made_of_the_valid_samples_in_the_order_of_their_stamps(t
         assert recording.position_m.tolist() == [0.0, 1e-3, 2e-3, 5e-3]
         assert recording.force_n is not None
         assert recording.force_n.tolist() == [0.0, 1 / 3, 2 / 3, 5 / 3]
+
+
+def test_a_cut_file_is_told(tmp_path: Path) -> None:
+    write_forces(tmp_path / "run.mcap", [force(i) for i in range(4)])
+    people.mcap(tmp_path / "ros2.mcap")
+    for name in ("run.mcap", "ros2.mcap"):
+        path = tmp_path / name
+        assert CUT not in load_recording(path).notes
+        path.write_bytes(path.read_bytes()[:-20])
+        assert CUT in load_recording(path).notes
 
 
 def test_which_axis_and_which_mapping(tmp_path: Path) -> None:

@@ -1,0 +1,168 @@
+"""Columns and units that are likely meant where names leave it open: by names, place and numbers."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from forefeel.common.errors import RecordingError
+from forefeel.common.recording.columns import Choice, axis_of, is_of_a_joint, is_rotary, words_of
+from forefeel.common.recording.recording import Array
+from forefeel.common.recording.units import QUANTITIES, TO_SI, Quantity, si_of
+
+Ranges = dict[Quantity, dict[str, tuple[float, float]]]
+_LIKELY: Ranges = {
+    "time": {"s": (1e-5, 0.1), "ms": (1.0, 100.0), "us": (100.0, 1e5), "ns": (1e5, 1e8)},
+    "position": {"m": (5e-5, 0.5), "mm": (0.05, 500.0), "um": (50.0, 5e5)},
+    "force": {"N": (1e-3, 1e3), "mN": (1.0, 1e6)},
+}
+"""Interval, travel and force of benches, in units that are tried in turn. An interval of .1 to 1 may be of
+seconds or of milliseconds."""
+_LIKELY_ROTARY: Ranges = {
+    "position": {"rad": (1e-3, 15.0), "deg": (0.06, 860.0)},
+    "force": {"Nm": (1e-3, 1e3), "mNm": (1.0, 1e6)},
+}
+_EPOCH_S = 1.2e9, 2.2e9  # stamps of 2008 to 2039
+_MOST_DIGITS = 1000.0  # range of whole numbers: beyond, they are counts of a converter or an encoder
+
+
+class Table(Protocol):
+    """Columns of numbers by name; see `TextTable`."""
+
+    names: Sequence[str]
+    units: dict[str, str]
+    notes: list[str]
+
+    def read(self, names: Sequence[str]) -> list[Array]: ...
+
+
+class Likely(NamedTuple):
+    """A column with the unit that it states or is likely; `moves`: standard deviation in SI; `different`:
+    number of different values.
+    """
+
+    column: str
+    unit: str
+    moves: float = 0.0
+    different: int = 0
+
+
+def different(table: Table, quantity: Quantity, choices: list[Choice], notes: list[str]) -> list[Choice]:
+    """Choices without those that equal an earlier one row by row, with a note in `notes`, and without times
+    that do not grow. A single one is not looked at.
+    """
+    if len(choices) < 2:
+        return choices
+    read: dict[Choice, Array] = {}
+    for choice in choices:
+        values = _numbers(table, choice.column)
+        rivals = [one for one in read if one.unit == choice.unit and len(values)]
+        equal = [one for one in rivals if np.array_equal(read[one], values, equal_nan=True)]
+        if equal:
+            notes.append(f"{choice.column} equals {equal[0].column} in every row")
+        elif quantity != "time" or _changes(quantity, values):
+            read[choice] = values
+    return list(read)
+
+
+def propose(
+    table: Table, chosen: Mapping[Quantity, tuple[str, str]], doubts: Mapping[Quantity, list[Choice]]
+) -> dict[Quantity, str]:
+    """`unit:column` of each quantity in doubt for which one is likely. `chosen`: columns and units that are
+    sure.
+    """
+    silent = [q for q, choices in doubts.items() if not any(choice.named for choice in choices)]
+    usable = {quantity: [Likely(*known)] for quantity, known in chosen.items()}
+    for quantity, choices in doubts.items():
+        usable[quantity] = []
+        if quantity in silent and any(c.unit is None for c in choices) and len(choices) > len(silent):
+            continue  # more columns that say nothing than are lacking: any would be a guess
+        for choice in choices:
+            values = _numbers(table, choice.column)
+            if _changes(quantity, values) and (
+                unit := choice.unit or _likely_unit(quantity, choice.column, values)
+            ):
+                moves = TO_SI[quantity][unit] * float(np.nanstd(values))
+                usable[quantity].append(Likely(choice.column, unit, moves, len(np.unique(values))))
+    best: dict[Quantity, Likely] = {}
+    if times := usable.get("time"):
+        best["time"] = next(
+            one for one in times if 2 * one.different >= max(other.different for other in times)
+        )
+    taken = best["time"].column if times else ""
+    positions, forces = ([x for x in usable.get(q, []) if x.column != taken] for q in QUANTITIES[1:])
+    pairs = [(x, f) for x in positions for f in forces if x.column != f.column]
+    if pairs:
+        order = partial(_likeness, list(table.names), positions, forces)
+        best["position"], best["force"] = max(pairs, key=order)
+    else:
+        best |= {"position": positions[0]} if positions else {}
+    return {q: f"{best[q].unit}:{best[q].column}" for q in doubts if q in best}
+
+
+def _likeness(
+    names: list[str], positions: list[Likely], forces: list[Likely], pair: tuple[Likely, Likely]
+) -> tuple[float, ...]:
+    """Order in which a position and a force go together: no angle or torque; of the same axis, and with the
+    same words; of axes those that move most; the first position, with the force that stands nearest.
+    """
+    position, force = pair
+    place = names.index(position.column)
+    return (
+        si_of("position", position.unit) == "m",
+        si_of("force", force.unit) == "N",
+        axis_of(position.column) == axis_of(force.column) != "",
+        len(words_of(position.column) & words_of(force.column)),
+        position.moves if all(axis_of(one.column) for one in positions) else 0.0,
+        force.moves if all(axis_of(one.column) for one in forces) else 0.0,
+        -place,
+        -abs(names.index(force.column) - place),
+    )
+
+
+def doubt_about(quantity: Quantity, choices: Sequence[Choice]) -> str:
+    """Words on a quantity that is not sure; `choices`: the columns that may hold it."""
+    names = ", ".join(repr(choice.column) for choice in choices)
+    silent = "" if any(choice.named for choice in choices) else f"no {quantity}: no column is named so"
+    several = f"{names} may each be the {quantity}" if len(choices) > 1 else ""
+    stated = all(choice.unit for choice in choices)
+    unit = "" if stated else f"no unit of {'them' if several else names} is stated"
+    return "; ".join(filter(None, (silent, several, unit)))
+
+
+def _numbers(table: Table, name: str) -> Array:
+    try:
+        return table.read([name])[0]
+    except RecordingError:
+        return np.empty(0)
+
+
+def _changes(quantity: Quantity, values: Array) -> bool:
+    """True if a column may be that quantity: it changes, and a time mostly grows."""
+    values = values[np.isfinite(values)]
+    if len(values) < 2 or np.ptp(values) == 0.0:
+        return False
+    return quantity != "time" or float(np.mean(np.diff(values) >= 0.0)) > 0.99
+
+
+def _likely_unit(quantity: Quantity, name: str, values: Array) -> str | None:
+    """The first unit with which a bench is as large, as fast and as strong as benches are; None where there
+    is none, of a joint, which may turn or slide, or where the column counts: rows in place of time, or the
+    steps of a converter.
+    """
+    values = values[np.isfinite(values)]
+    steps = np.diff(values)
+    size = float(np.median(steps[steps > 0.0]) if quantity == "time" else np.ptp(values))
+    whole = bool(np.all(values == np.round(values)))
+    if quantity == "time":
+        for unit, to_s in TO_SI["time"].items():
+            if _EPOCH_S[0] < values[0] * to_s < _EPOCH_S[1] and (
+                size * to_s < 10.0 or np.mean(steps == 0.0) > 0.5
+            ):
+                return unit
+    counts = whole and (np.all(steps == 1.0) if quantity == "time" else size > _MOST_DIGITS)
+    if counts or (quantity != "time" and is_of_a_joint(name)):
+        return None
+    units = (_LIKELY_ROTARY if is_rotary(name) and quantity != "time" else _LIKELY)[quantity]
+    return next((unit for unit, (least, most) in units.items() if least <= size <= most), None)
