@@ -3,6 +3,7 @@
 import pytest
 
 from forefeel.common.events.console import Notices
+from forefeel.common.events.text import quantity
 from forefeel.common.topics import COMMAND, HAPTICS, MASTER_EVENT, MASTER_STATE, SLAVE_STATE
 from tests.simulation.pair import Pair
 
@@ -23,10 +24,9 @@ def said(notices: Notices, word: str) -> list[str]:
 def check_words(text: str, round_trip_ms: float, limit_ms: int) -> None:
     """That the text ends with the number and its limit."""
     asked, _, limit = text.rpartition(", limit ")
-    assert limit == f"{limit_ms} ms"
-    assert float(asked.rpartition("round trip ")[2].removesuffix(" ms")) == pytest.approx(
-        round_trip_ms, abs=TOLERANCE_MS
-    )
+    number, unit = asked.rpartition("round trip ")[2].split()
+    assert limit == quantity(limit_ms / 1e3, "s")
+    assert float(number) * {"ms": 1, "s": 1e3}[unit] == pytest.approx(round_trip_ms, abs=TOLERANCE_MS)
 
 
 def test_a_round_trip_beyond_the_limit_opens_a_session_and_does_not_arm_and_both_ends_say_so() -> None:

@@ -160,7 +160,7 @@ def test_fault_of_the_sensor_is_shown_on_the_readings(rubbing: Diagnosed, name: 
 
 def test_what_the_picture_of_friction_shows_is_its_jump(rubbing: Diagnosed) -> None:
     curves = Curves.of(rubbing.analysis, None)
-    of = Component(curves, "coulomb_friction")
+    of = Component(curves, "coulomb_friction:smooth")
     v, fast = of.v[2], np.abs(of.v[2]) > 5e-3
     assert of.cause_n[fast] == pytest.approx(FRICTION_N * np.sign(v[fast]), rel=0.2)
     assert of.left[fast] == pytest.approx(of.cause_n[fast], abs=0.02)
