@@ -1,8 +1,9 @@
 """Cleaning of a table's rows: incomplete, doubled, rounded, held and out of order ones are told apart."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from math import log2
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,9 @@ _COMMON = 0.9  # share of the rows of either column in which both have a number:
 _BRIDGED = 3.0  # intervals of a slower column that are interpolated over
 _ROUNDED_S = 2.0  # of stamps that are in whole seconds and still tell the rate
 _LEAST_CHANGES = 20  # of a column that is held
+_ONE_ROW = 1.1  # intervals by which rows may come after what was taken evenly: one, and the stamps' rounding
 _FAR = 5.0  # ranges of all other readings, beyond which a reading is none
+_SHARP, _SETTLED_S = 0.2, 1.0  # of a step of the zero: what the rows beside step at most, how long it stays
 _ALONE = 1.5  # times the next largest step of the force; 312 recordings of hidden effects have no such step
 
 
@@ -44,12 +47,16 @@ def clean(time_s: Array, values: Array, needed: int, names: Sequence[str]) -> tu
         time_s, values = _selected(time_s, values, np.append(True, ~same), "as duplicates", done)
     time_s, values = _ordered(time_s, values, done)
     time_s = _spread(time_s, done)
-    held = [(name, i, rows) for i, name in enumerate(names) if len(rows := _new(values[i]))]
-    for name, i, rows in held:
-        done.append(f"{name} is held: it changes at {_hz(time_s[rows])} in rows of {_hz(time_s)}")
-        values[i, np.setdiff1d(np.arange(len(time_s)), rows)] = np.nan
-    if held:
-        time_s, values = _merged(time_s, values, needed, names, done)
+    taken_s = {}
+    for i, name in enumerate(names):
+        rows, stamps_s = _new(time_s, values[i])
+        if len(rows):
+            done.append(f"{name} is held: it changes at {_hz(stamps_s)} in rows of {_hz(time_s)}")
+            values[i, np.setdiff1d(np.arange(len(time_s)), rows)] = np.nan
+            taken_s[i] = time_s.copy()
+            taken_s[i][rows] = stamps_s
+    if taken_s:
+        time_s, values = _merged(time_s, values, needed, names, done, taken_s)
         known = np.isfinite(values[:needed]).all(axis=0)
         time_s, values = time_s[known], values[:, known]
     return time_s, values, done
@@ -108,6 +115,9 @@ def of_one_zero(time_s: Array, position: Array, force: Array, unit: str) -> tupl
     if usual == 0.0 or not alone or sizes[alone[0] - 1] < 10.0 * usual:
         return force, []  # without noise it is the force that drives
     at = np.sort(order[: alone[0]])
+    beside = np.abs(np.concatenate([[0.0], jumps, [0.0]])[np.stack([at, at + 2])])
+    if np.any(beside > _SHARP * np.abs(jumps[at])) or np.any(np.diff(time_s[at]) < _SETTLED_S):
+        return force, []  # a load that comes or goes takes several rows, a spike goes back
     speed = np.gradient(position, time_s)
     plain = np.column_stack([np.ones_like(force), position, speed, np.sign(speed)])
     after = np.arange(len(force))[:, None] > at
@@ -130,11 +140,16 @@ def _hz(time_s: Array) -> str:
 
 
 def _merged(
-    time_s: Array, values: Array, needed: int, names: Sequence[str], done: list[str]
+    time_s: Array,
+    values: Array,
+    needed: int,
+    names: Sequence[str],
+    done: list[str],
+    taken_s: Mapping[int, Array] = MappingProxyType({}),
 ) -> tuple[Array, Array]:
     """Rows of the last needed column, and the others between theirs, up to `_BRIDGED` intervals apart: the
     position by a cubic spline, which its mass makes smooth, any other by lines. Unchanged where they stand in
-    the same rows, or the time goes back.
+    the same rows, or the time goes back. `taken_s`: when a column was taken, where not at the rows' stamps.
 
     A force is not interpolated: between 50 readings a second dry friction came out 11 % too small.
     """
@@ -147,7 +162,7 @@ def _merged(
 
     merged = values[:, rows]
     for i, (column, known) in enumerate(zip(values, there, strict=True)):
-        stamps_s, first = np.unique(time_s[known], return_index=True)
+        stamps_s, first = np.unique(taken_s.get(i, time_s)[known], return_index=True)
         if len(stamps_s) < 2 or np.mean(known[rows]) > _COMMON:
             continue
         after = np.clip(np.searchsorted(stamps_s, time_s[rows]), 1, len(stamps_s) - 1)
@@ -163,25 +178,38 @@ def _merged(
     return time_s[rows], merged
 
 
-def _new(column: Array) -> NDArray[np.int64]:
-    """Rows in which a column that is held for several rows is new, at rest in the same rhythm. None where it
-    is not held: what moves a coarse encoder has no rhythm, or makes single steps.
+def _new(time_s: Array, column: Array) -> tuple[NDArray[np.int64], Array]:
+    """Rows in which a column that is held for several rows is new, at rest in the same rhythm, and when it
+    was taken: evenly, if that explains every row, else at their stamps. None where it is not held: what moves
+    a coarse encoder has no rhythm, or makes single steps.
     """
-    none, steps = np.empty(0, np.int64), np.diff(column)
+    none, steps = (np.empty(0, np.int64), np.empty(0)), np.diff(column)
     changed = np.flatnonzero(steps) + 1
     gaps, sizes = np.diff(changed), np.abs(steps[changed - 1])
     if len(gaps) < _LEAST_CHANGES or (usual := float(np.median(gaps))) < 2.0:
         return none
-    period = float(np.mean(gaps[gaps < 1.5 * usual]))
+    if np.mean(sizes < 1.01 * sizes.min()) > 0.5:
+        return none
+    period = float(np.mean(gaps[gaps <= 1.5 * usual]))
+    count = np.append(0.0, np.cumsum(np.round(gaps / period)))
+    period_s, start_s = np.polyfit(count, time_s[changed], 1)
+    late_s, interval_s = time_s[changed] - start_s - period_s * count, float(np.median(np.diff(time_s)))
+    if np.ptp(late_s) < _ONE_ROW * interval_s:
+        before = np.floor((time_s[changed[0]] - time_s[0]) / period_s)
+        numbers = np.arange(-before, (time_s[-1] - time_s[changed[0]]) / period_s)
+        stamps_s = start_s + float(late_s.min()) + period_s * numbers
+        rows = np.searchsorted(time_s, stamps_s - 0.01 * interval_s)
+        rows, first = np.unique(rows[rows < len(column)], return_index=True)
+        return rows, stamps_s[first]
     short = gaps[gaps < 3.5 * period]  # the rest of long ones adds up
-    off = np.abs(short - period * np.round(short / period))
-    if np.mean(off > (0.0 if usual < 3.0 else 1.0)) > 0.05 or np.mean(sizes < 1.01 * sizes.min()) > 0.5:
+    if usual < 3.0 or np.mean(np.abs(short - period * np.round(short / period)) > 1.0) > 0.05:
         return none
     edges = np.concatenate([[-1], changed, [len(column)]])
     rests = [np.arange(stop - period, start + 0.5 * period, -period) for start, stop in pairwise(edges[:-1])]
     after = np.arange(changed[-1] + period, len(column), period)
     rows = np.rint(np.concatenate([changed, *rests, after])).astype(np.int64)
-    return np.unique(rows[rows < len(column)])
+    rows = np.unique(rows[rows < len(column)])
+    return rows, time_s[rows]
 
 
 def _selected(

@@ -102,8 +102,9 @@ def candidates(names: Sequence[str], units: NamedUnits[str, str], quantity: Quan
         rank = 0 if word and unit else 1 if letters > 2 else 2 if unit else 3 if word else 4
         ranked.setdefault(rank, []).append(Choice(name, unit, word is not None))
     choices = ranked[min(ranked)] if ranked else []
-    measured = [choice for choice in choices if not _WANTED.search(_plain(choice.column))]
-    return measured or choices
+    choices = [choice for choice in choices if not _WANTED.search(_plain(choice.column))] or choices
+    whole = [choice for choice in choices if axis_of(choice.column) not in {"x", "y", "z"}]
+    return whole if whole and quantity != "time" else choices  # a load, beside its parts along axes
 
 
 def _states_another(name: str, units: NamedUnits[str, str], quantity: Quantity) -> bool:

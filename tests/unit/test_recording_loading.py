@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from forefeel.common.errors import RecordingError, UnclearError
-from forefeel.common.recording.loading import load_recording
-from forefeel.common.recording.recording import Recording
+from forefeel.common.recording.loading import load, load_recording
+from forefeel.common.recording.recording import Array, Recording
 from forefeel.common.recording.units import Mapping
 from tests.unit import people
 from tests.unit.people import F_N, T_S, X_M, text
@@ -385,3 +385,24 @@ def test_hdf5_reads_no_other_file(tmp_path: Path, kind: Callable[[h5py.File, str
             kind(file, name, other)
     with pytest.raises(RecordingError):
         load_recording(path)
+
+
+@pytest.mark.parametrize(("taken_hz", "row_hz"), [(60.0, 200.0), (40.0, 100.0), (30.0, 250.0)])
+def test_a_position_held_at_an_uneven_ratio_counts_when_it_was_taken(taken_hz: float, row_hz: float) -> None:
+    """By the rows in which it is new it would be late by up to a row, now more, now less."""
+    t = np.arange(0.0, 20.0, 1.0 / row_hz)
+
+    def moved(time_s: Array) -> Array:
+        return np.asarray(0.01 * np.sin(2.0 * np.pi * 0.7 * time_s))
+
+    held = moved(np.floor(t * taken_hz + 1e-9) / taken_hz)
+    found = load({"time_s": t, "position_m": held, "force_N": np.cos(t)})
+    inside = slice(20, -20)
+    np.testing.assert_allclose(found.position_m[inside], moved(found.time_s)[inside], atol=2e-6)
+    assert np.std(held - moved(t)) > 2e-4
+
+
+def test_names_without_an_axis_come_before_those_of_axes() -> None:
+    t = np.arange(100) * 0.01
+    table = {"time_s": t, "position_mm": np.sin(t), "y_mm": t, "Load (N)": t, "force_y_N": t * t}
+    assert load(table).columns == {"time": "s:time_s", "position": "mm:position_mm", "force": "N:Load (N)"}
