@@ -8,7 +8,7 @@ import numpy as np
 
 from forefeel.common.causes.candidate import Model, base_name, form_name
 from forefeel.common.causes.catalogue import CANDIDATES, cause_class, no_rivals
-from forefeel.common.causes.sensor import SensorQuantisation
+from forefeel.common.causes.sensor import SensorQuantisation, SensorSpikes
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
@@ -25,6 +25,9 @@ _ROUNDS = 3
 _NARROWER = 0.7
 _TRIALS = 40
 _LEAST_ROWS = 50  # of the regression, several for each coefficient of the largest model
+_STILL = 0.05  # of the stage's step: an instrument that moves apart from it by less is carried
+_IMPACT_S = 0.06  # s around the end of a play, in which it rings
+_MOST_SPIKES = 0.6  # of the spikes
 _SLOW_CORNER_HZ = 0.3  # Hz, of noise that is coloured above the motion: slower is taken for structure
 
 
@@ -42,9 +45,17 @@ class Analysis:
 
     @property
     def faults(self) -> tuple[Cause, ...]:
-        """Faults of `cleaned` but for a quantisation whose error is below 0.4 of the residual's rms."""
-        rounding, least_n = SensorQuantisation.name, 0.4 * self.residual_rms_n
-        return tuple(f for f in self.cleaned.faults if f.name != rounding or f.explained_n >= least_n)
+        """Faults of `cleaned` but for spikes that are impacts at the end of a play (`_are_impacts`) and a
+        quantisation whose error is below 0.4 of the residual's rms.
+        """
+        retained = []
+        for fault in self.cleaned.faults:
+            if fault.name == SensorSpikes.name and _are_impacts(self):
+                continue
+            if fault.name == SensorQuantisation.name and fault.explained_n < 0.4 * self.residual_rms_n:
+                continue
+            retained.append(fault)
+        return tuple(retained)
 
     @property
     def residual_rms_n(self) -> float:
@@ -224,3 +235,19 @@ def noise_of(residual: Floats, signals: Signals, floor: NoiseFloor | None) -> No
     corner_hz = LEAST_CORNER_HZ if floor is None or floor.slope == 0.0 else _SLOW_CORNER_HZ
     pieces = signals.piecewise(fine=False)
     return autoregression(residual, signals.rows, pieces, signals.coarse_rate_hz, corner_hz)
+
+
+def _are_impacts(analysis: Analysis) -> bool:
+    """True if over 60 % of the spikes are within 60 ms of the end of a play, where the model's instrument
+    begins to move with the stage again. False without spikes, or if no cause changes the motion.
+    """
+    regression, spiked = analysis.regression, analysis.cleaned.spikes
+    moved, stage = regression.motion(analysis.fit.model), regression.motion({})
+    if moved is stage or not spiked.any():
+        return False
+    away_m = np.abs(np.diff(moved.x - stage.x, prepend=moved.x[0] - stage.x[0]))
+    crossing = away_m > _STILL * np.abs(np.diff(stage.x, prepend=stage.x[0])) + 1e-12
+    landed_s = moved.t[np.flatnonzero(crossing[:-1] & ~crossing[1:]) + 1] + regression.signals.origin_s
+    at_s = analysis.recording.time_s[spiked]
+    near = [bool(np.any(np.abs(landed_s - spike_s) < _IMPACT_S)) for spike_s in at_s]
+    return float(np.mean(near)) > _MOST_SPIKES
