@@ -150,7 +150,7 @@ class Recorder:
                 continue
             for message, message_ns in entries:
                 if isinstance(message, SlaveState | MasterState):
-                    if silence := gap(self._states.get(key), message):
+                    if silence := gap(parsed[2], self._states.get(key), message):
                         self.silences.append(silence)
                     self._states[key] = message
                 self._writer.write_message(key, message, message_ns)

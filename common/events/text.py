@@ -16,13 +16,11 @@ from forefeel.common.messages import (
     Handshake,
     LimitEvent,
     MasterEvent,
-    MasterState,
     Message,
     SafetyEvent,
-    SlaveState,
 )
 from forefeel.common.recording.units import is_angle
-from forefeel.common.topics import MASTER_STATE, SLAVE_STATE
+from forefeel.common.topics import Topic
 
 UNKNOWN = "–"
 ROUND_TRIP, SLOW_LIMIT, ZERO = "round_trip", "slow_limit", "zero"
@@ -82,10 +80,9 @@ def emergency_stop(by: str, reason: str) -> str:
     return f"emergency stop by {by}: {reason}"
 
 
-def gap(before: Message | None, state: Message) -> str:
+def gap(topic: Topic[Message], before: Message | None, state: Message) -> str:
     """Text on an end that was silent between two of its states, by its own clock; empty where it was not."""
-    topic = {SlaveState: SLAVE_STATE, MasterState: MASTER_STATE}.get(type(state))
-    if topic is None or before is None or topic.stale_after_s is None:
+    if before is None or topic.stale_after_s is None:
         return ""
     silent_s = (state.stamp_ns - before.stamp_ns) * 1e-9
     return f"{topic.publisher} was silent for {span(silent_s)}" if silent_s > topic.stale_after_s else ""

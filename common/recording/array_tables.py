@@ -80,7 +80,7 @@ def table_of(source: Any, *beside: Any) -> ArrayTable:  # noqa: ANN401 - see `lo
     if names is not None and not beside:
         arrays = {str(name): np.asarray(source[name]) for name in names}
     else:
-        arrays = _in_si(source, *beside)
+        arrays = _without_names(source, *beside)
     dates = {name: "s" for name, values in arrays.items() if values.dtype.kind == "M"}
     usable = {name: values for name, values in arrays.items() if values.dtype.kind in "iufbM"}
     return ArrayTable({name: partial(_floats, values) for name, values in usable.items()}, dates)
@@ -96,7 +96,7 @@ _NAMES: tuple[Callable[[Any], Iterable[Any] | None], ...] = (
 )
 
 
-def _in_si(source: Any, *beside: Any) -> dict[str, Any]:  # noqa: ANN401 - see `load`
+def _without_names(source: Any, *beside: Any) -> dict[str, Any]:  # noqa: ANN401 - see `load`
     """Time, position and, if there, force by name. Raises RecordingError for other arrays than two or three
     of equal shape.
     """

@@ -1,6 +1,6 @@
 """Recordings from files as people have them."""
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -115,10 +115,11 @@ def recording_of(
     head of error texts. The time keeps its origin, but stamps since 1970 begin at 0.
     """
     mapping = mapping or Mapping()
-    chosen, notes = _chosen(source, table, mapping, force)
+    chosen, equals = _chosen(source, table, mapping, force)
+    notes = [f"{column} equals {first} in every row" for column, first in equals.items()]
     time_s, rows = _in_si(table, chosen, mapping.rate_hz, notes)
     names = [chosen[quantity][0] for quantity in QUANTITIES[1:] if quantity in chosen]
-    beside = _further(table, [column for column, _ in chosen.values()], notes)
+    beside = _further(table, {*(column for column, _ in chosen.values()), *equals})
     time_s, values, done = clean(time_s, np.vstack([*rows, *(c.values for c in beside)]), len(rows), names)
     notes = list(dict.fromkeys((*table.notes, *notes, *done)))
     if len(time_s) < 2:
@@ -170,12 +171,9 @@ _MOST_FURTHER = 8  # columns that are kept beside: a wide table costs no more me
 _KNOWN = 0.9  # share of its numbers that such a column needs
 
 
-def _further(table: Table, taken: Collection[str], notes: Sequence[str]) -> list[Column]:
-    """Columns besides those that are taken which state a unit, are numbers, change and equal none of them."""
-    free = [
-        n for n in table.names if n not in taken and not any(note.startswith(f"{n} equals") for note in notes)
-    ]
-    stated = further(free, table.units)[:_MOST_FURTHER]
+def _further(table: Table, taken: Collection[str]) -> list[Column]:
+    """Columns besides those that are taken which state a unit, are numbers and change."""
+    stated = further([name for name in table.names if name not in taken], table.units)[:_MOST_FURTHER]
     try:
         read = table.read([name for name, _, _ in stated]) if stated else []
     except RecordingError:
@@ -195,13 +193,13 @@ Chosen = dict[Quantity, tuple[str, str]]
 """Column and unit of each quantity."""
 
 
-def _chosen(source: str, table: Table, mapping: Mapping, force: bool | None) -> tuple[Chosen, list[str]]:
-    """Column and unit of each quantity, as given or by its name, and notes on columns that equal one of them;
+def _chosen(source: str, table: Table, mapping: Mapping, force: bool | None) -> tuple[Chosen, dict[str, str]]:
+    """Column and unit of each quantity, as given or by its name, and the columns that equal another, by name;
     a force that is not given is left out where `force` is False, or None and no column is named so. No time
     where a rate is given. Raises UnclearError where in doubt, RecordingError where a given column is missing
     or none can be meant.
     """
-    chosen, notes, doubts = dict(mapping.columns()), list[str](), dict[Quantity, list[Choice]]()
+    chosen, equals, doubts = dict(mapping.columns()), dict[str, str](), dict[Quantity, list[Choice]]()
     for quantity, (column, _) in chosen.items():
         if column not in table.names:
             names = ", ".join(map(repr, table.names))
@@ -212,14 +210,14 @@ def _chosen(source: str, table: Table, mapping: Mapping, force: bool | None) -> 
             continue
         taken = {column for column, _ in chosen.values()}
         choices = candidates([name for name in table.names if name not in taken], table.units, quantity)
-        choices = different(table, quantity, choices, notes)
+        choices = different(table, quantity, choices, equals)
         if len(choices) == 1 and choices[0].unit is not None and choices[0].named:
             chosen[quantity] = choices[0].column, choices[0].unit
         elif quantity != "force" or force or any(choice.named for choice in choices):
             doubts[quantity] = choices
     if doubts:
         raise _unclear(source, table, mapping, force, chosen, doubts)
-    return {quantity: chosen[quantity] for quantity in wanted if quantity in chosen}, notes
+    return {quantity: chosen[quantity] for quantity in wanted if quantity in chosen}, equals
 
 
 def _unclear(

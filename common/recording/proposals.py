@@ -48,9 +48,11 @@ class Likely(NamedTuple):
     different: int = 0
 
 
-def different(table: Table, quantity: Quantity, choices: list[Choice], notes: list[str]) -> list[Choice]:
-    """Choices without those that equal an earlier one row by row, with a note in `notes`, and without times
-    that do not grow. A single one is not looked at.
+def different(
+    table: Table, quantity: Quantity, choices: list[Choice], equals: dict[str, str]
+) -> list[Choice]:
+    """Choices without those that equal an earlier one row by row, which are put into `equals`, by column, and
+    without times that do not grow. A single one is not looked at.
     """
     if len(choices) < 2:
         return choices
@@ -60,7 +62,7 @@ def different(table: Table, quantity: Quantity, choices: list[Choice], notes: li
         rivals = [one for one in read if one.unit == choice.unit and len(values)]
         equal = [one for one in rivals if np.array_equal(read[one], values, equal_nan=True)]
         if equal:
-            notes.append(f"{choice.column} equals {equal[0].column} in every row")
+            equals[choice.column] = equal[0].column
         elif quantity != "time" or _changes(quantity, values):
             read[choice] = values
     return list(read)

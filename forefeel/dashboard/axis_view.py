@@ -85,17 +85,16 @@ class AxisView:
         statistics; notes when its topic was heard, and as an event that its sender was silent before.
         """
         newest = self.newest
-        before = newest.slave if isinstance(message, SlaveState) else newest.master
-        if silence := gap(before, message):
-            self.events.add("warn", topic.publisher, silence, receive_ns)
         match message:
             case HapticSample():
                 self._add_haptics(message, receive_ns)
             case ForceSample():
                 self._add_force(message, receive_ns)
             case SlaveState():
+                self._say_gap(topic, newest.slave, message, receive_ns)
                 newest.slave = message
             case MasterState():
+                self._say_gap(topic, newest.master, message, receive_ns)
                 newest.master = message
                 self.had_session |= message.indication not in {"no_session", "handle_fault"}
             case ModelParameters():
@@ -106,6 +105,12 @@ class AxisView:
             case _:
                 self.events.hear(message, topic.name.partition("/")[0], receive_ns)
         newest.heard_ns[topic.name] = receive_ns
+
+    def _say_gap(
+        self, topic: Topic[Message], before: Message | None, state: Message, receive_ns: int
+    ) -> None:
+        if silence := gap(topic, before, state):
+            self.events.add("warn", topic.publisher, silence, receive_ns)
 
     def _add_haptics(self, sample: HapticSample, receive_ns: int) -> None:
         """Adds a sample to the traces, unless it is out of order; clears traces, model watch and comparison
