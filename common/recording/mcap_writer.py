@@ -46,6 +46,8 @@ class _ChunkedFile:
     def __init__(self, stream: BinaryIO) -> None:
         self._stream = stream
         self._chunk = bytearray()
+        # of levels 1 to 5 the first leaves least, 0.77 GB an hour of chunks (0.79 to 0.85): a chunk is mostly
+        # digits of floats, and the short matches that the others find in them take more than the digits
         self._compressor = zstandard.ZstdCompressor(level=1)
         self._topics: list[_Topic] = []
         self._schemas: dict[str, records.Schema] = {}
@@ -92,6 +94,8 @@ class _ChunkedFile:
         last_ns = max(max(topic.index[::2]) for topic in inside)
         data, size, checksum = self._compressor.compress(self._chunk), len(self._chunk), crc32(self._chunk)
         at, length = self._put(records.Chunk("zstd", data, last_ns, first_ns, checksum, size))
+        # a sixth of the file, which the specification lets go and readers do not: Foxglove's (@mcap/core,
+        # ChunkCursor) raises at a chunk with messages and no index, mcap before 1.4 finds no message in it
         places, index_at = {}, self._stream.tell()
         for topic in inside:
             places[topic.channel.id] = self._stream.tell()
