@@ -220,21 +220,28 @@ def run_home(config: Path, axis: str, yes: bool, clock: SleepingClock | None = N
     """Homes a stage, as it has to be after its power was off; asks for consent. Raises as `run_stage`."""
     device = device_of(config, axis, "stage")
     intent = "The stage will home: take out the instrument, clear the way, keep the stop at hand"
-    with ends_in_order("homing"), _homed(device, config, intent, yes, clock):
+    with ends_in_order("homing"), _homed(device, config, intent, yes, clock, binds=False):
         say(f"{device.name}: it is homed")
 
 
 @contextmanager
 def _homed(
-    device: ConfiguredDevice, config: Path, intent: str, yes: bool, clock: SleepingClock | None
+    device: ConfiguredDevice,
+    config: Path,
+    intent: str,
+    yes: bool,
+    clock: SleepingClock | None,
+    binds: bool = True,
 ) -> Iterator[Homing]:
-    """Context of a stage that has homed, after a person agreed to `intent`; raises as `run_stage`."""
+    """Context of a stage that has homed, after a person agreed to `intent`; raises as `run_stage`. `binds`: a
+    calibration to its serial number.
+    """
     with (
         signal_flag(break_off),
         _no_slave_beside(config),
         device.driver.make_homing(device.settings, clock or MonotonicClock()) as stage,
     ):
-        _identify(device, stage.link)
+        _identify(device, stage.link, binds)
         if ask_person(intent, ". Type yes to go on", yes) not in ("yes", "y"):
             raise RunError("not confirmed; nothing moved, nothing written")
         HOST.prepare_thread(_PRIORITY)  # a drive that watches our heartbeat stops when we are kept waiting
@@ -275,9 +282,11 @@ def ask_person(text: str, request: str, yes: bool) -> str:
     return line.strip().lower()
 
 
-def _identify(device: ConfiguredDevice, link: DeviceLink) -> str:
-    """Prints the identity of the device; returns its serial number. DeviceSetupError: it has none."""
-    if not link.serial:
+def _identify(device: ConfiguredDevice, link: DeviceLink, binds: bool = True) -> str:
+    """Prints the identity of the device; returns its serial number. DeviceSetupError: it has none to which
+    a calibration `binds`.
+    """
+    if binds and not link.serial:
         raise DeviceSetupError(
             f"{device.name} on {device.where}: no serial number; expected one to bind the calibration to; "
             f"where {device.driver.name} has the setting `serial`, set it to the number on the device's label"

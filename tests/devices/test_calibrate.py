@@ -249,9 +249,20 @@ def test_a_stage_is_homed_twice_and_run_from_end_to_end(
     assert homing.calls == ["open", "homed", "travelled at 0.01", "homed", "stop", "close"]
 
 
-def test_home_homes_and_does_no_more(run: Run, homing: FakeHoming) -> None:
+@pytest.mark.parametrize("serial", ["SN-7", ""])
+def test_home_homes_and_does_no_more(run: Run, homing: FakeHoming, serial: str) -> None:
+    homing.serial = serial
     assert run(["home", "--config", "slave.yaml", "--axis", "insertion", "--yes"]) == 0
     assert homing.calls == ["open", "homed", "stop", "close"]
+
+
+def test_a_stage_without_a_serial_number_is_not_calibrated_and_does_not_move(
+    run: Run, homing: FakeHoming
+) -> None:
+    homing.serial = ""
+    assert run([*STAGE, "--yes"]) == 2
+    assert homing.calls == ["open", "stop", "close"]
+    assert unwritten()
 
 
 def test_stage_json_is_what_the_file_holds_and_quiet_says_nothing(
