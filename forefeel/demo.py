@@ -17,8 +17,7 @@ from forefeel.loopback.plan import LoopbackOptions
 from forefeel.loopback.run import RECORDING, REPORT, judge, recorded_run
 from forefeel.loopback.viewer import DashboardProcess
 from forefeel.report.model import RunReport
-from forefeel.report.transparency import Transparency
-from forefeel.report.wording import DISCLAIMER, plain_value, share, shown, split_unit
+from forefeel.report.wording import DISCLAIMER, felt_text, plain_value, shown, split_unit
 from forefeel.results.folder import EARLIER, save
 from forefeel.results.run import draw, stages
 from forefeel.results.task import FILES, MODEL, PAGE, Task, examine
@@ -75,9 +74,11 @@ def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float =
         judge(second)
     again = f"{viewer.url} shows both runs again, report and diagnosis, until {viewer.until}"
     lines = _lines(first, diagnosis, second, out, again if viewer.url else "none")
-    show(*lines)
+    before_n = first.transparency and quantity(first.transparency.felt.rms_n, "N")
+    felt = f"{felt_text(second.transparency)}; {before_n} in the first run"
+    show(*lines, DISCLAIMER, f"Felt        {felt}")
     pages["second run"] = out / REPORT
-    viewer.stay(Scene(head=f"Ended. {lines[-1]}", recording=out / RECORDING, pages=pages))
+    viewer.stay(felt, out / RECORDING, pages)
 
 
 def _model(name: str) -> str:
@@ -95,28 +96,20 @@ def _diagnose(recording: Path, folder: Path) -> Diagnosis:
 
 
 def _lines(first: RunReport, diagnosis: Diagnosis, second: RunReport, out: Path, page: str) -> list[str]:
-    """Lines for the terminal, ten at most: both runs, what was hidden and what was named, files, `page` (text
-    on the page), the next command; the last has the felt errors of both runs.
+    """Lines for the terminal: both runs, what was hidden and what was named, files, `page` (text on the
+    page), the next command.
     """
-    before, after = (run.transparency or Transparency() for run in (first, second))
-    late, felt, now = (quantity(error.rms_n, "N") for error in (after.held, before.felt, after.felt))
-    ratio = "" if after.ratio is None else f", {after.ratio:.2f} of the late force's {late}"
+    away = quantity(first.delay_s.p50, "s")
     hidden = (f"{name}: {', '.join(map(_value, values, values.values()))}" for name, values in HIDDEN.items())
     return [
-        f"First run   {quantity(first.delay_s.p50, 's')} away, nothing known: {_jnd_text(before)}",
+        f"First run   {away} away, nothing known: {felt_text(first.transparency)}",
         f"Hidden      {'; '.join(hidden)}",
         f"Diagnosis   {_diagnosis_text(diagnosis)}",
-        f"Second run  starts with {_start_text(diagnosis)}: {_jnd_text(after)}",
+        f"Second run  starts with {_start_text(diagnosis)}",
         f"Files       report.html, report.json, {RECORDING} in {out}; first and diagnosis beside them",
         f"Page        {page}",
         f"Next        forefeel diagnose {out / RECORDING} --out {out / 'again'}, or your.csv in its place",
-        DISCLAIMER,
-        f"Felt error  {now}{ratio}; {felt} in the first run",
     ]
-
-
-def _jnd_text(score: Transparency) -> str:
-    return f"{share(score.within_jnd)} of the time no hand could tell the felt force from the true one"
 
 
 def _hidden_causes(diagnosis: Diagnosis) -> list[Cause]:

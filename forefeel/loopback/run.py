@@ -7,14 +7,13 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.events.text import quantity
-from forefeel.dashboard.scene import Scene
 from forefeel.files import fresh_folder
 from forefeel.interrupt import ends_in_order, signal_flag
 from forefeel.loopback.hardware import check_hardware, on_bench
 from forefeel.loopback.plan import STATE, LoopbackOptions, Plan, make_plan
 from forefeel.loopback.real import run_real
 from forefeel.loopback.viewer import DashboardProcess
+from forefeel.report.wording import felt_text
 from forefeel.terminal import Show, answer, bar, say, suggest, warn
 
 if TYPE_CHECKING:
@@ -49,11 +48,8 @@ def run_loopback(
         answer(*ten_lines(report, folder), document=report.to_json)
         judge(report)
         suggest("diagnose", folder / RECORDING, out=folder / "diagnosis", overwrite=overwrite)
-        head, pages = "Ended", {"report": (folder / REPORT).absolute()}
-        if score := report.transparency:
-            felt, late = (quantity(size.rms_n, "N") for size in (score.felt, score.held))
-            head = f"Ended. Felt error {felt}; the late force has {late}"
-        viewer.stay(Scene(head=head, recording=folder / RECORDING, pages=pages))
+        pages = {"report": (folder / REPORT).absolute()}
+        viewer.stay(felt_text(report.transparency), folder / RECORDING, pages)
 
 
 def judge(report: "RunReport") -> None:

@@ -66,12 +66,13 @@ class DashboardProcess(ChildProcess):
         self.scene = scene
         self.write(scene.model_dump_json(), last)
 
-    def stay(self, scene: Scene) -> None:
-        """Shows the last scene until a signal or the end of the process, which ends by itself where stdout is
-        no terminal and nobody looks; returns at once without a process.
+    def stay(self, felt: str, recording: Path, pages: dict[str, Path]) -> None:
+        """Shows the end of a run, with the text on the felt force, until a signal or the end of the process,
+        which ends by itself where stdout is no terminal and nobody looks; returns at once without a process.
         """
+        head, stays = f"Ended. Felt force: {felt}", sys.stdout.isatty()
         with signal_flag() as stop:
-            self.show(scene.model_copy(update={"stays": sys.stdout.isatty()}), last=True)
+            self.show(Scene(head=head, recording=recording, pages=pages, stays=stays), last=True)
             for _ in stop.polls(None, _POLL_S):
                 if not self.running:
                     return

@@ -31,9 +31,20 @@ from forefeel.report.score import scored
 from forefeel.report.summary import MOST_EVENTS, SETTLING_S, summarise
 from forefeel.report.template import render
 from forefeel.report.traces import AxisTraces, ParameterTraces, axis_traces
-from forefeel.report.transparency import JND_FLOOR_N, JND_SHARE, Transparency
+from forefeel.report.transparency import JND_FLOOR_N, JND_SHARE
 from forefeel.report.vessel import friction, of_recording
-from forefeel.report.wording import DISCLAIMER, in_order, micros, named, number, ratio, scale, share
+from forefeel.report.wording import (
+    DISCLAIMER,
+    error_text,
+    felt_text,
+    in_order,
+    micros,
+    named,
+    number,
+    ratio,
+    scale,
+    share,
+)
 from forefeel.terminal import answer, suggest
 
 FILES = ("report.json", "report.html")
@@ -320,7 +331,7 @@ def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
     lines = [
         f"Run        {report.recording}: {report.duration_s:.1f} s{ended}, axis {report.axis or 'none'}, "
         f"impairment {report.impairment or 'unknown'}, seed {report.seed or 'unknown'}",
-        f"Felt       {_felt_text(report.transparency)}",
+        f"Felt       {felt_text(report.transparency)}",
         f"Prediction {_prediction_text(report)}",
         f"Scored     {report.commands.scored} of {report.commands.sent} commands; "
         f"{not_scored(report.commands) or 'all'}",
@@ -337,23 +348,11 @@ def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
     return [line if len(line) <= _LONGEST else f"{line[: _LONGEST - 3]}..." for line in printed]
 
 
-def _felt_text(score: Transparency | None) -> str:
-    if score is None:
-        return "not judged: only a simulated world knows the true force"
-    within = f"unnoticeable {share(score.within_jnd)} of the time"
-    return f"{_error_text(score.felt, score.held, score.ratio)}; {within}"
-
-
 def _prediction_text(report: RunReport) -> str:
     if not report.commands.scored:
         return "not judged: no command has a prediction and an answer"
     settled = f"after {SETTLING_S:g} s of learning {ratio(report.settled.ratio)}"
-    return f"{_error_text(report.prediction, report.zoh, report.ratio)}; {settled}"
-
-
-def _error_text(size: ErrorSize, late: ErrorSize, times: float | None) -> str:
-    late_n = quantity(late.rms_n, "N")
-    return f"{quantity(size.rms_n, 'N')} rms error in place of {late_n} late ({ratio(times)})"
+    return f"{error_text(report.prediction, report.zoh, report.ratio)}; {settled}"
 
 
 def _loops_text(loops: Loops) -> str:

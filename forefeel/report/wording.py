@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 from forefeel.common.events.text import PREFIXES, UNKNOWN, power_of_1000, quantity, shown_unit
 
 if TYPE_CHECKING:  # the diagnosis imports scipy, for which `forefeel loopback` would wait
+    from forefeel.common.error_size import ErrorSize
     from forefeel.diagnosis.verdict import Interval
+    from forefeel.report.transparency import Transparency
 
 DISCLAIMER = "Research software, not a medical device."
 
@@ -50,6 +52,18 @@ def share(value: float | None) -> str:
 
 def ratio(value: float | None) -> str:
     return UNKNOWN if value is None else f"{value:#.3g}".rstrip(".")
+
+
+def felt_text(score: "Transparency | None") -> str:
+    if score is None:
+        return "not judged: only a simulated world knows the true force"
+    within = f"unnoticeable {share(score.within_jnd)} of the time"
+    return f"{error_text(score.felt, score.held, score.ratio)}; {within}"
+
+
+def error_text(size: "ErrorSize", late: "ErrorSize", times: float | None) -> str:
+    late_n = quantity(late.rms_n, "N")
+    return f"{quantity(size.rms_n, 'N')} rms error in place of {late_n} late ({ratio(times)})"
 
 
 def number(value: float | None) -> str:
