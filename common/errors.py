@@ -5,7 +5,8 @@ ForefeelError
 ├── InputError              the input was wrong: one line (where, value, expected), exit 2
 │   ├── ConfigurationError  a YAML file or one of its values
 │   ├── RecordingError      a file with a recording
-│   │   └── UnclearError    the user can say it in a word
+│   │   ├── UnclearError    the user can say it in a word
+│   │   └── UntimedError    a rate of the rows would do
 │   └── EndpointError       a Zenoh endpoint that is taken, malformed or never answers
 │       └── NoRouterError   no router answers there yet
 ├── RunError                the run failed, exit 1
@@ -60,6 +61,10 @@ class UnclearError(RecordingError):
         lacking = [word for quantity, text in self.columns.items() for word in (f"--{quantity}", text)]
         typed = shlex.join(map(str, ("forefeel", *command, *lacking)))
         return f"{self.doubt}; check columns and units, then type: {typed}"
+
+
+class UntimedError(RecordingError):
+    """No column of a table has the time of its rows."""
 
 
 class EndpointError(InputError):

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from forefeel.common.errors import ConfigurationError, RecordingError, UnclearError
+from forefeel.common.errors import ConfigurationError, RecordingError, UnclearError, UntimedError
 from forefeel.common.recording import array_tables
 from forefeel.common.recording.cleaning import clean, of_one_zero, unwrapped, without_full_scale
 from forefeel.common.recording.columns import Choice, candidates, further
@@ -76,6 +76,7 @@ def load_recording(
 
     Raises:
         UnclearError: which column is what is not sure.
+        UntimedError: no column has the time, and `mapping` no rate.
         RecordingError: one line that says where, which value, and what was expected.
     """
     suffix = ".parquet" if array_tables.is_data_set(path) else path.suffix.lower()
@@ -236,8 +237,9 @@ def _unclear(
     answers = ", ".join(f"{quantity} = {likely.get(quantity, 'UNIT:COLUMN')}" for quantity in doubts)
     if len(likely) < len(doubts):
         names = ", ".join(map(repr, table.names))
-        rate = "" if "time" in likely or "time" not in doubts else f"; or {_RATE}"
-        return RecordingError(f"{doubt}; it has {names}, expected {answers}{rate}")
+        lacking = f"{doubt}; it has {names}, expected {answers}"
+        timed = "time" in likely or "time" not in doubts
+        return RecordingError(lacking) if timed else UntimedError(f"{lacking}; or {_RATE}")
     try:
         recording_of(table, "", source, replace(mapping, **likely), force)
     except RecordingError as error:

@@ -12,6 +12,7 @@ from forefeel.commands.options import (
     ForceColumn,
     PositionColumn,
     Quiet,
+    RowRate,
     TimeColumn,
     examples,
 )
@@ -85,22 +86,24 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
     time_column: TimeColumn = None,
     position_column: PositionColumn = None,
     force_column: ForceColumn = None,
+    row_rate: RowRate = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
     from forefeel.loopback.plan import LoopbackOptions  # noqa: PLC0415
     from forefeel.loopback.run import run_loopback  # noqa: PLC0415 - the help needs none of it
 
-    columns = time_column, position_column, force_column
-    if any(columns) and recording is None:
-        raise ConfigurationError(f"{' '.join(filter(None, columns))}: expected only with --recording")
+    columns = Mapping(time_column, position_column, force_column, row_rate)
+    if columns != Mapping() and recording is None:
+        given = (f"--{name} {value}" for name, value in columns.options().items() if value is not None)
+        raise ConfigurationError(f"{' '.join(given)}: expected only with --recording")
     options = LoopbackOptions(
         seed=seed,
         impairment=impairment,
         preset=preset,
         duration_s=duration,
         recording=recording,
-        columns=Mapping(*columns),
+        columns=columns,
         slave_model=slave_model,
         master_model=master_model,
         prior_dir=prior_dir,

@@ -27,7 +27,7 @@ def simulate(  # noqa: PLR0913, PLR0917 - one parameter per option
     ] = "hand",
     duration: Annotated[float | None, number("S", 0.01, 86_400.0, "Default 30, or the recording's.")] = None,
     rate: Annotated[
-        float | None, number("HZ", 1.0, 10_000.0, "Default 1000, or the recording's stamps.")
+        float | None, number("HZ", 1.0, 10_000.0, "Of the samples; default 1000, or the recording's.")
     ] = None,
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the motion and the noise.")] = 0,
     start: Annotated[float, number("M", -10.0, 10.0, "Position where the motion begins.")] = 0.0,

@@ -1,14 +1,14 @@
 """One simulated recording from the options to the file."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from forefeel.common.causes.model import ContactModel, at_conversion
 from forefeel.common.causes.motion import Motion
-from forefeel.common.errors import ConfigurationError, InputError
+from forefeel.common.errors import ConfigurationError, InputError, UntimedError
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Array
@@ -55,8 +55,8 @@ class SimulationOptions:
     """Options of a simulation. `model`: a file, or one of `PRESETS`. `motion`: one of `MOTIONS`, or the path
     of a recording whose position is followed, by its `columns` of time and position, each as `unit:column`.
 
-    `duration_s` and `rate_hz`: None for those of the recorded motion, else 30 s and 1 kHz. `noise_n`: white,
-    its standard deviation. `encoder_step_m`: 0: none.
+    `duration_s` and `rate_hz`: None for those of the recorded motion, else 30 s and 1 kHz; its rows without a
+    time have `rate_hz`, too. `noise_n`: white, its standard deviation. `encoder_step_m`: 0: none.
     """
 
     model: Path
@@ -142,7 +142,13 @@ def _followed(path: Path, options: SimulationOptions) -> list[MotionPiece]:
     if not path.exists():
         expected = ", ".join(MOTIONS)
         raise ConfigurationError(f"--motion {path}: expected {expected}, or the file of a recording")
-    recording = load_recording(path, Mapping(*options.columns), force=False)
+    columns = Mapping(*options.columns)
+    try:
+        recording = load_recording(path, columns, force=False)
+    except UntimedError:
+        if options.rate_hz is None:
+            raise
+        recording = load_recording(path, replace(columns, rate_hz=options.rate_hz), force=False)
     end_s = float(recording.time_s[0]) + (_LONGEST_S if options.duration_s is None else options.duration_s)
     pieces = []
     for part in recording.segments():

@@ -1,6 +1,7 @@
 """The command line as a person uses it: help, effective settings, a run's results."""
 
 import json
+import math
 import shlex
 import signal
 from collections.abc import Callable, Sequence
@@ -8,6 +9,7 @@ from contextlib import nullcontext
 from importlib import metadata
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from typer.testing import CliRunner
@@ -15,7 +17,7 @@ from typer.testing import CliRunner
 from forefeel.cli import app
 from forefeel.common.config import dump_yaml
 from forefeel.common.recording.mcap_reader import Run
-from forefeel.common.topics import FORCE
+from forefeel.common.topics import COMMAND, FORCE
 from forefeel.daemon_settings import load_any, load_daemon
 from tests.commands.command_line import COMMANDS, ROOT, group
 from tests.commands.test_bad_lines import RECORDING, SLAVE
@@ -100,6 +102,19 @@ def test_a_loopback_run_reports_as_its_recording_does_and_replaces_itself_only_w
     assert (out / "notes.txt").read_text() == "mine"
     assert len((out / "recording.mcap").read_bytes()) == len(before)
     assert capsys.readouterr().out == report
+
+
+def test_a_loopback_plays_rows_without_a_time_at_their_rate(
+    run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    rows = "".join(f"{0.01 * math.sin(0.05 * n):.6f},{0.1 * math.sin(0.05 * n):.5f}\n" for n in range(200))
+    (tmp_path / "run.csv").write_text(f"position_m,force_n\n{rows}")
+    line = f"loopback --virtual-time --recording {tmp_path}/run.csv --out {tmp_path}/out".split()
+    assert run(line) == 2
+    assert "--rate" in capsys.readouterr().err
+    assert run([*line, "--rate", "100"]) == 0
+    played = Run(tmp_path / "out" / "recording.mcap").column("insertion", COMMAND, "recording_time_s")
+    assert np.nanmax(played) == pytest.approx(1.99, abs=2e-3)
 
 
 def test_a_loopback_that_was_never_armed_fails_with_the_cause(

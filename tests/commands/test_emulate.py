@@ -38,6 +38,7 @@ SLAVE = {
         ("emulate cia402 --port @/nothing", ("nothing",)),
         ("loopback --out @/out --hardware real", ("--hardware 'real'", "emulated-serial")),
         ("loopback --out @/out --hardware emulated-can --virtual-time", ("--virtual-time",)),
+        ("loopback --out @/out --rate 50", ("--rate", "--recording")),
         ("loopback --out @/out --hardware emulated-serial --recording x.csv", ("--recording",)),
     ],
 )

@@ -69,6 +69,20 @@ def test_a_recording_with_columns_of_its_own_is_followed(run: Run, tmp_path: Pat
     assert not (tmp_path / "other.csv").exists()
 
 
+def test_rows_without_a_time_have_the_rate_of_the_samples(
+    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    rows = "\n".join(f"{0.5 * n:.1f}" for n in range(401))
+    (tmp_path / "laser.csv").write_text(f"position_mm\n{rows}\n")
+    words = ["simulate", "--model", "model.yaml", "--motion", "laser.csv", "--out", "run.csv"]
+    assert run(words) == 2
+    assert "--rate" in capsys.readouterr().err
+    assert run([*words, "--rate", "200"]) == 0
+    found = load_recording(tmp_path / "run.csv")
+    assert len(found) == 401
+    assert found.duration_s == pytest.approx(2.0)
+
+
 def test_parquet_without_pyarrow_says_what_to_install(
     run: Run, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
