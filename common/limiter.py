@@ -159,7 +159,7 @@ class MotionLimiter:
         applied = self.velocity_m_s + _clip(capped - self.velocity_m_s, change)
         if abs(applied - capped) > _EXACT:
             asked = (capped - self.velocity_m_s) / dt_s
-            hits.append(LimitHit("acceleration", asked, copysign(self._acceleration_m_s2, asked), "m/s2"))
+            hits.append(LimitHit("acceleration", asked, copysign(self._acceleration_m_s2, asked), "m/s²"))
         self._advance(applied, dt_s)
         return hits
 

@@ -21,7 +21,7 @@ _NEGLIGIBLE_W = 1e-9
 _SMOOTHING = 0.1
 """Per tick: a time constant of 10 ms, beyond a step of the encoder and below a tremor of 12 Hz."""
 _MOST_M_S2 = 20.0
-"""4 N on 0.15 kg of loose fingers make 27 m/s2, less their damping."""
+"""4 N on 0.15 kg of loose fingers make 27 m/s^2, less their damping."""
 
 
 def late_ticks(actuator_delay_s: float) -> int:
@@ -66,7 +66,7 @@ class PassivityLimit:
       / 2 S) > 0, w the acceleration with the force. Falling by S / 2 from there, after the time D in which
       those on their way are applied, it gives C: credit and force end together. Without w a hand that turns
       fast overtakes it. Both bounds let the force fall by S at most.
-    - Guard, which overrides that. While the hand accelerates by no more than a = 20 m/s2, the force f of i
+    - Guard, which overrides that. While the hand accelerates by no more than a = 20 m/s^2, the force f of i
       ticks ago can give |f| T (j a T - v sgn f)+ in the tick that comes j-th, as long as i <= N - j. With the
       largest of them in each, L = sum over j = 1 .. N is what all forces on their way can give; f is as large
       as leaves 2 L <= C + 0.9 mJ (2: it ends in steps, not in one). A tick later no more than the term j = 1

@@ -379,5 +379,5 @@ def _notes(recording: "Recording", limits: dict[str, Any]) -> tuple[str, ...]:
         f"recording {recording.name}: {len(recording.time_s)} samples, {recording.duration_s:.1f} s, "
         f"{pieces} piece{'s' if pieces > 1 else ''} without a gap over {GAP_S:g} s",
         f"limits from it: {low * 1e3:.3f} to {high * 1e3:.3f} mm, {limits['max_velocity_m_s'] * 1e3:g} mm/s, "
-        f"{limits['max_acceleration_m_s2']:g} m/s2, {limits['max_force_n']:g} N",
+        f"{limits['max_acceleration_m_s2']:g} m/s², {limits['max_force_n']:g} N",
     )

@@ -39,7 +39,7 @@ def cia402() -> Iterator[Opened]:
 def test_emulated_stage_is_believed_until_it_is_stuck(
     opened: Callable[[], AbstractContextManager[Opened]],
 ) -> None:
-    """Strokes, and steps that the limiter turns into 0.2 m/s and 8 m/s2; CiA 402 at 50 Hz."""
+    """Strokes, and steps that the limiter turns into 0.2 m/s and 8 m/s^2; CiA 402 at 50 Hz."""
     with opened() as (time, stage, provoke):
         start_ns = time.now_ns() // MS * MS
         limiter = MotionLimiter(AxisLimits(), 4.0)

@@ -81,7 +81,9 @@ def test_a_stall_stops_the_stage_and_its_burst_of_old_commands_moves_nothing(
     position_m, velocity_m_s = (traffic.column(FORCE, name) for name in ("position_m", "velocity_m_s"))
     rest_s = next(time_s for time_s in traffic.times("at_rest") if time_s >= stops_s[0])
     assert np.abs(velocity_m_s[np.searchsorted(time_s, stops_s[0])]) > 0.005
-    assert rest_s - stops_s[0] < 0.2 / 4.0 + 0.05 + TICK_S  # from the highest speed at 4 m/s2; seen for 50 ms
+    assert (
+        rest_s - stops_s[0] < 0.2 / 4.0 + 0.05 + TICK_S
+    )  # from the highest speed at 4 m/s^2; seen for 50 ms
     resting = (time_s > rest_s + 0.1) & (time_s < again_s)
     assert resting.sum() > 300
     assert np.ptp(position_m[resting]) <= 1e-6

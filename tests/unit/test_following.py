@@ -70,7 +70,7 @@ class Bench:
 @pytest.mark.parametrize("asked_m", [reach_m, steps_m])
 @pytest.mark.parametrize("expected", EXPECTED, ids=["servo", "late"])
 def test_healthy_stage_is_no_fault(expected: Expected, asked_m: Callable[[float], float]) -> None:
-    """At up to 0.2 m/s and 8 m/s2."""
+    """At up to 0.2 m/s and 8 m/s^2."""
     bench = Bench(FollowingWatch(expected()), asked_m)
     assert not any(bench.tick() for _ in range(4000))
     assert bench.worst_m < 0.3 * DEVIATION_M

@@ -100,7 +100,7 @@ def test_a_motion_into_a_force_brakes_at_once_at_the_acceleration_limit() -> Non
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_towards_contact_the_way_that_is_left_of_the_limit_bounds_the_speed(sign: int) -> None:
-    """3 N within 1 mm, 8 m/s2 and 8 ms: 77.8 mm/s in the open, 18.2 mm/s at 2.5 N, free on the way out."""
+    """3 N within 1 mm, 8 m/s^2 and 8 ms: 77.8 mm/s in the open, 18.2 mm/s at 2.5 N, free on the way out."""
     motion = MotionLimiter(LIMITS.model_copy(update={"stiffest_wall_n_m": 3000.0}), STOP_M_S2)
     motion.place(0.05)
 

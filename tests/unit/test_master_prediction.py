@@ -76,7 +76,7 @@ def test_the_predictor_learns_the_lag_with_the_contact(model: ContactModel | Non
 
 
 def test_the_setpoint_is_what_the_shared_limits_leave_of_the_command() -> None:
-    """A jump of 50 mm under 0.1 m/s and 5 m/s2, and back to the stage without the deadman."""
+    """A jump of 50 mm under 0.1 m/s and 5 m/s^2, and back to the stage without the deadman."""
     limits = AxisLimits(max_velocity_m_s=0.1, max_acceleration_m_s2=5.0, stiffest_wall_n_m=1.0)
     setpoint = ExpectedSetpoint(limits)
     setpoint.follow(0, 0.0, 0.0, deadman=False)

@@ -221,7 +221,7 @@ class Adversary:
     st.integers(1, 300),
     st.lists(
         st.tuples(
-            st.sampled_from([-20.0, 20.0]) | st.floats(-20.0, 20.0),  # m/s2
+            st.sampled_from([-20.0, 20.0]) | st.floats(-20.0, 20.0),  # m/s^2
             st.sampled_from([-50.0, 50.0]) | CONTACT,
             st.booleans(),
             st.integers(1, 60),
