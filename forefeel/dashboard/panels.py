@@ -25,7 +25,7 @@ from forefeel.dashboard.event_log import Level
 from forefeel.dashboard.indicators import safety_word
 from forefeel.dashboard.trace import SPAN_S
 from forefeel.report.vessel import friction
-from forefeel.report.wording import micros, named, number, scale, share
+from forefeel.report.wording import micros, named, number, scale, share, statement_text
 
 Card = dict[str, Any]
 _FRESH_S = 0.5  # s for which a value is shown after it was heard, as long as `stale_after_s` of the states
@@ -111,7 +111,7 @@ def model(view: AxisView, now_ns: int) -> Card:
     quiet = "" if _fresh(view, PARAMETERS.name, now_ns) else " · not heard now"
     resets = f" · {number(latest.resets)} returns to the prior" if latest.resets else ""
     prior = f" · prior: {printable(latest.prior)}" if latest.prior else ""
-    statements = [*map(printable, latest.identifiable)]
+    statements = [statement_text(printable(statement)) for statement in latest.identifiable]
     if not latest.valid:
         statements = ["not valid yet: too little motion so far", *statements]
     rows = zip(latest.names, latest.values, latest.standard_deviations, strict=False)

@@ -1,5 +1,6 @@
 """Numbers in words: SI prefixes, no more digits than are known, a dash for what is not known."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import floor, isfinite, log10
@@ -36,6 +37,7 @@ _UNITS = {
 """By the end of a parameter's name, the longest first."""
 _PRODUCTS = {"euler_n_m2": ("euler", "N m²")}  # whose names end as a quotient's
 
+_NAME = re.compile(r"\b[a-z]\w*\.\w+_\w+")  # of a parameter with its cause, in a text
 _USUAL, _MOST = 3, 6  # digits of a value without an interval, and of any
 
 
@@ -109,6 +111,11 @@ def named(parameter: str) -> tuple[str, str]:
     cause, _, name = parameter.rpartition(".")
     label, unit = split_unit(name)
     return (label if cause in {"", "mass_damper_spring"} else f"{cause.replace('_', ' ')}: {label}"), unit
+
+
+def statement_text(statement: str) -> str:
+    """Text on parameters that the motion leaves undetermined, their names in words, also one that is cut."""
+    return _NAME.sub(lambda name: named(name[0])[0], statement).replace("_", " ")
 
 
 def scale(unit: str, largest: float) -> tuple[float, str]:

@@ -5,7 +5,16 @@ import pytest
 from forefeel.common.causes.registry import OWN
 from forefeel.common.events.text import quantity, units_of
 from forefeel.diagnosis.verdict import Interval
-from forefeel.report.wording import micros, number, plain_value, ratio, share, shown, split_unit
+from forefeel.report.wording import (
+    micros,
+    number,
+    plain_value,
+    ratio,
+    share,
+    shown,
+    split_unit,
+    statement_text,
+)
 
 UNITLESS = {"ratio", "damping_ratio"}
 
@@ -51,6 +60,12 @@ def test_a_parameter_has_its_unit_and_as_many_digits_as_its_interval(
 )
 def test_a_value_without_interval_is_short(name: str, value: float, text: str) -> None:
     assert plain_value(name, value) == text
+
+
+def test_a_statement_names_no_field() -> None:
+    stated = "heart.rate_hz and bias.force_n only as bias.force_n - 0.135 heart.rate_hz"
+    assert statement_text(stated) == "heart: rate and bias: force only as bias: force - 0.135 heart: rate"
+    assert statement_text("mass_damper_spring.mass_kg and stress_re ...") == "mass and stress re ..."
 
 
 def test_the_unit_of_a_name_is_that_of_the_effect() -> None:
