@@ -40,10 +40,11 @@ def init(
         done = init_folder(folder, cell or [], hosts or [], days, now_utc())
     for place, what in done.items():
         say(f"{what:<9} {place}")
-    say(
-        "copy new folders as a whole and of renewed ones the .crt to their hosts, for transport.pki; "
-        f"keep {folder / AUTHORITY_KEY} off the hosts"
-    )
+    if set(done.values()) != {"unchanged"}:
+        say(
+            "copy new folders as a whole and of renewed ones the .crt to their hosts, for transport.pki; "
+            f"keep {folder / AUTHORITY_KEY} off the hosts"
+        )
     suggest("pki", "show", folder)
 
 

@@ -100,6 +100,15 @@ def test_init_again_adds_cells_and_keeps_the_rest(tmp_path: Path) -> None:
     assert (lab / "router" / "router.json5").read_text() == router_file(["b", "a"])
 
 
+def test_init_asks_for_copies_where_there_is_something_to_copy(
+    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    line = ["pki", "init", str(tmp_path / "lab"), "--cell", "a", "--hosts", "slave=10.0.0.1"]
+    for asked in (True, False):
+        assert run(line) == 0
+        assert ("ca.key" in capsys.readouterr().out) == asked
+
+
 def test_init_again_renews_what_ends_soon_with_the_same_key(tmp_path: Path) -> None:
     lab, place = tmp_path / "lab", tmp_path / "lab" / "a" / "slave"
     init_folder(lab, ["a"], ["slave=10.0.0.1"], 90, NOW)
