@@ -233,8 +233,8 @@ def _homed(
     clock: SleepingClock | None,
     binds: bool = True,
 ) -> Iterator[Homing]:
-    """Context of a stage that has homed, after a person agreed to `intent`; raises as `run_stage`. `binds`: a
-    calibration to its serial number.
+    """Context of a stage that has homed, after a yes to `intent`; where it `binds`, not without a serial
+    number. Raises as `run_stage`.
     """
     with (
         signal_flag(break_off),
@@ -283,9 +283,7 @@ def ask_person(text: str, request: str, yes: bool) -> str:
 
 
 def _identify(device: ConfiguredDevice, link: DeviceLink, binds: bool = True) -> str:
-    """Prints the identity of the device; returns its serial number. DeviceSetupError: it has none to which
-    a calibration `binds`.
-    """
+    """Prints the identity of the device; returns its serial number. DeviceSetupError: `binds`, and none."""
     if binds and not link.serial:
         raise DeviceSetupError(
             f"{device.name} on {device.where}: no serial number; expected one to bind the calibration to; "

@@ -44,7 +44,6 @@ from forefeel.report.wording import (
     ratio,
     scale,
     share,
-    statement_text,
 )
 from forefeel.terminal import answer, suggest
 
@@ -136,7 +135,6 @@ def render_page(report: RunReport, run: Run) -> str:
         not_scored=not_scored,
         refused=refused,
         injected=injected,
-        statement_text=statement_text,
     )
 
 

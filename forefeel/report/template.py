@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from forefeel.common.events.text import UNKNOWN, quantity
-from forefeel.report.wording import DISCLAIMER, micros, number, share
+from forefeel.report.wording import DISCLAIMER, micros, number, share, statement_text
 
 _STATIC = Path(__file__).parent.parent / "dashboard" / "static"
 _IMPORT = re.compile(r'^import (\{[^}]*\}) from "\./(\w+)\.js";$', re.MULTILINE)
@@ -30,7 +30,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     made.policies["json.dumps_kwargs"] = {"separators": (",", ":")}
-    words = {word.__name__: word for word in (quantity, micros, share, number)}
+    words = {word.__name__: word for word in (quantity, micros, share, number, statement_text)}
     made.globals.update(words, style=_style, module=_module, disclaimer=DISCLAIMER, unknown=UNKNOWN)
     return made
 
