@@ -1,6 +1,7 @@
 """Columns and units that are likely meant where names leave it open: by names, place and numbers."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import NamedTuple, Protocol
 
@@ -37,6 +38,20 @@ class Table(Protocol):
     def read(self, names: Sequence[str]) -> list[Array]: ...
 
 
+class ReadOnce:
+    """A table whose columns are kept once they were read: a file of text takes a second per million rows."""
+
+    def __init__(self, table: Table) -> None:
+        self._table = table
+        self.names, self.units, self.notes = table.names, table.units, table.notes
+        self._columns: dict[str, Array] = {}
+
+    def read(self, names: Sequence[str]) -> list[Array]:
+        if lacking := [name for name in names if name not in self._columns]:
+            self._columns.update(zip(lacking, self._table.read(lacking), strict=True))
+        return [self._columns[name] for name in names]
+
+
 class Likely(NamedTuple):
     """A column with the unit that it states or is likely; `moves`: standard deviation in SI; `different`:
     number of different values.
@@ -56,6 +71,8 @@ def different(
     """
     if len(choices) < 2:
         return choices
+    with suppress(RecordingError):  # of one of them: `_numbers` leaves it out
+        table.read([choice.column for choice in choices])
     read: dict[Choice, Array] = {}
     for choice in choices:
         values = _numbers(table, choice.column)
