@@ -125,14 +125,14 @@ def recording_of(
     """The recording in a table, in SI and cleaned; see `load_recording`, also for what is raised. `source`:
     head of error texts. The time keeps its origin, but stamps since 1970 begin at 0.
     """
-    mapping, table = mapping or Mapping(), ReadOnce(table)
-    chosen, doubts, equals = _chosen(source, table, mapping, force)
+    mapping, kept = mapping or Mapping(), ReadOnce(table)
+    chosen, doubts, equals = _chosen(source, kept, mapping, force)
     if doubts:
 
         def trial(answered: Mapping) -> None:
-            check(recording_of(table, name, source, answered, force))
+            check(recording_of(kept, name, source, answered, force))
 
-        raise _unclear(source, table, mapping, chosen, doubts, trial)
+        raise _unclear(source, kept, mapping, chosen, doubts, trial)
     notes = [f"{column} equals {first} in every row" for column, first in equals.items()]
     time_s, rows = _in_si(table, chosen, mapping.rate_hz, notes)
     names = [chosen[quantity][0] for quantity in QUANTITIES[1:] if quantity in chosen]
