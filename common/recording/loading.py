@@ -9,7 +9,7 @@ import numpy as np
 
 from forefeel.common.errors import ConfigurationError, RecordingError, UnclearError
 from forefeel.common.recording import array_tables
-from forefeel.common.recording.cleaning import clean, of_one_zero, unwrapped, without_full_scale
+from forefeel.common.recording.cleaning import COMMON, clean, of_one_zero, unwrapped, without_full_scale
 from forefeel.common.recording.columns import Choice, candidates, further
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.proposals import ReadOnce, Table, different, doubt_about, propose
@@ -125,19 +125,19 @@ def recording_of(
     """The recording in a table, in SI and cleaned; see `load_recording`, also for what is raised. `source`:
     head of error texts. The time keeps its origin, but stamps since 1970 begin at 0.
     """
-    mapping, kept = mapping or Mapping(), ReadOnce(table)
-    chosen, doubts, equals = _chosen(source, kept, mapping, force)
+    mapping, columns = mapping or Mapping(), ReadOnce(table)
+    chosen, doubts, equals = _chosen(source, columns, mapping, force)
     if doubts:
 
         def trial(answered: Mapping) -> None:
-            check(recording_of(kept, name, source, answered, force))
+            check(recording_of(columns, name, source, answered, force))
 
-        raise _unclear(source, kept, mapping, chosen, doubts, trial)
+        raise _unclear(source, columns, mapping, chosen, doubts, trial)
     notes = [f"{column} equals {first} in every row" for column, first in equals.items()]
     time_s, rows = _in_si(table, chosen, mapping.rate_hz, notes)
     names = [chosen[quantity][0] for quantity in QUANTITIES[1:] if quantity in chosen]
     beside = _further(table, {*(column for column, _ in chosen.values()), *equals})
-    time_s, values, done = clean(time_s, np.vstack([*rows, *(c.values for c in beside)]), len(rows), names)
+    time_s, values, done = clean(time_s, np.vstack([*rows, *(c.values for c in beside)]), names)
     notes = list(dict.fromkeys((*table.notes, *notes, *done)))
     if len(time_s) < 2:
         raise RecordingError(
@@ -155,10 +155,10 @@ def recording_of(
     others = []
     for column, row in zip(beside, values[len(rows) :], strict=True):
         there = np.isfinite(row)
-        if np.mean(there) > _KNOWN:
+        if np.mean(there) > COMMON:
             others.append(replace(column, values=np.interp(time_s, time_s[there], row[there])))
-    columns = {quantity: f"{unit}:{column}" for quantity, (column, unit) in chosen.items()}
-    return Recording(name, time_s, values[0], force_n, source, columns, tuple(notes), tuple(others))
+    texts = {quantity: f"{unit}:{column}" for quantity, (column, unit) in chosen.items()}
+    return Recording(name, time_s, values[0], force_n, source, texts, tuple(notes), tuple(others))
 
 
 def _in_si(
@@ -185,7 +185,6 @@ def _in_si(
 
 _RATE = "the rate of the rows in Hz, such as --rate 50 (in Python rate_hz=50)"
 _MOST_FURTHER = 8  # columns that are kept beside: a wide table costs no more memory
-_KNOWN = 0.9  # share of its numbers that such a column needs
 
 
 def _further(table: Table, taken: Collection[str]) -> list[Column]:
