@@ -155,7 +155,12 @@ def with_missing() -> str:
     rows = lines()
     rows[10] = rows[10].split(",")[0] + ",,1.0\n"
     rows[20] = rows[20].split(",")[0] + ",0.01,NaN\n"
+    rows[30] = rows[30].split(",")[0] + ", ,\n"
     return "".join(rows)
+
+
+def with_words() -> str:
+    return with_missing().replace(",,1.0", ",null,1.0")
 
 
 def doubled() -> str:
@@ -177,7 +182,8 @@ def misplaced() -> str:
 @pytest.mark.parametrize(
     ("content", "count", "note"),
     [
-        (with_missing(), 398, "2 of 400 rows dropped for a missing number"),
+        (with_missing(), 397, "3 of 400 rows dropped for a missing number"),
+        (with_words(), 397, "3 of 400 rows dropped for a missing number"),
         (
             "".join([lines()[0], *(row * 2 for row in lines()[1:])]),
             400,
@@ -196,7 +202,19 @@ def misplaced() -> str:
         (table(_SI, np.floor(100.0 * T_S + 1e-6) / 100.0, X_M, F_N), 400, "lost their digits below 0.01 s"),
         (table("time_s,position_m,F (N),F (N)", T_S, X_M, F_N, F_N), 400, "F (N) 4 equals F (N) 3"),
     ],
-    ids=["missing", "doubled", "two_runs", "misplaced", "cut", "us", "s", "scale", "digits", "equal"],
+    ids=[
+        "missing",
+        "words",
+        "doubled",
+        "two_runs",
+        "misplaced",
+        "cut",
+        "us",
+        "s",
+        "scale",
+        "digits",
+        "equal",
+    ],
 )
 def test_what_is_dropped_or_moved_is_said(tmp_path: Path, content: str, count: int, note: str) -> None:
     recording = load_recording(written(tmp_path, content))
