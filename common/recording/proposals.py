@@ -10,7 +10,7 @@ import numpy as np
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.columns import Choice, axis_of, is_of_a_joint, is_rotary, words_of
 from forefeel.common.recording.recording import Array
-from forefeel.common.recording.units import QUANTITIES, TO_SI, Quantity, si_of
+from forefeel.common.recording.units import QUANTITIES, TO_SI, Quantity
 
 Ranges = dict[Quantity, dict[str, tuple[float, float]]]
 _LIKELY: Ranges = {
@@ -53,14 +53,11 @@ class ReadOnce:
 
 
 class Likely(NamedTuple):
-    """A column with the unit that it states or is likely; `moves`: standard deviation in SI; `different`:
-    number of different values.
-    """
+    """A column with the unit that it states or is likely; `moves`: standard deviation in SI."""
 
     column: str
     unit: str
     moves: float = 0.0
-    different: int = 0
 
 
 def different(
@@ -103,40 +100,31 @@ def propose(
                 unit := choice.unit or _likely_unit(quantity, choice.column, values)
             ):
                 moves = TO_SI[quantity][unit] * float(np.nanstd(values))
-                usable[quantity].append(Likely(choice.column, unit, moves, len(np.unique(values))))
+                usable[quantity].append(Likely(choice.column, unit, moves))
     best: dict[Quantity, Likely] = {}
     if times := usable.get("time"):
-        best["time"] = next(
-            one for one in times if 2 * one.different >= max(other.different for other in times)
-        )
+        best["time"] = times[0]
     taken = best["time"].column if times else ""
     positions, forces = ([x for x in usable.get(q, []) if x.column != taken] for q in QUANTITIES[1:])
     pairs = [(x, f) for x in positions for f in forces if x.column != f.column]
     if pairs:
-        order = partial(_likeness, list(table.names), positions, forces)
+        order = partial(_likeness, list(table.names), positions)
         best["position"], best["force"] = max(pairs, key=order)
     else:
         best |= {"position": positions[0]} if positions else {}
     return {q: f"{best[q].unit}:{best[q].column}" for q in doubts if q in best}
 
 
-def _likeness(
-    names: list[str], positions: list[Likely], forces: list[Likely], pair: tuple[Likely, Likely]
-) -> tuple[float, ...]:
-    """Order in which a position and a force go together: no angle or torque; of the same axis, and with the
-    same words; of axes those that move most; the first position, with the force that stands nearest.
+def _likeness(names: list[str], positions: list[Likely], pair: tuple[Likely, Likely]) -> tuple[float, ...]:
+    """Order in which a position and a force go together: of the same axis, and with the same words; of axes
+    that which moves most; the force that stands nearest.
     """
     position, force = pair
-    place = names.index(position.column)
     return (
-        si_of("position", position.unit) == "m",
-        si_of("force", force.unit) == "N",
         axis_of(position.column) == axis_of(force.column) != "",
         len(words_of(position.column) & words_of(force.column)),
         position.moves if all(axis_of(one.column) for one in positions) else 0.0,
-        force.moves if all(axis_of(one.column) for one in forces) else 0.0,
-        -place,
-        -abs(names.index(force.column) - place),
+        -abs(names.index(force.column) - names.index(position.column)),
     )
 
 
