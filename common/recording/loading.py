@@ -140,9 +140,8 @@ def recording_of(
     time_s, values, done = clean(time_s, np.vstack([*rows, *(c.values for c in beside)]), names)
     notes = list(dict.fromkeys((*table.notes, *notes, *done)))
     if len(time_s) < 2:
-        raise RecordingError(
-            f"{source}: {'; '.join([f'{len(time_s)} sample(s)', *notes])}, expected at least 2"
-        )
+        left = "; ".join([f"{len(time_s)} sample(s)", *notes])
+        raise RecordingError(f"{source}: {left}, expected at least 2")
     if np.any(np.diff(time_s) <= 0.0):
         raise RecordingError(
             f"{source}: {len(time_s):,} rows share {len(np.unique(time_s)):,} stamps: their digits are lost; "

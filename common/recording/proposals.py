@@ -164,9 +164,7 @@ def _likely_unit(quantity: Quantity, name: str, values: Array) -> str | None:
     whole = bool(np.all(values == np.round(values)))
     if quantity == "time":
         for unit, to_s in TO_SI["time"].items():
-            if _EPOCH_S[0] < values[0] * to_s < _EPOCH_S[1] and (
-                size * to_s < 10.0 or np.mean(steps == 0.0) > 0.5
-            ):
+            if _EPOCH_S[0] < values[0] * to_s < _EPOCH_S[1]:
                 return unit
     counts = whole and (np.all(steps == 1.0) if quantity == "time" else size > _MOST_DIGITS)
     if counts or (quantity != "time" and is_of_a_joint(name)):

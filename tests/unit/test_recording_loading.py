@@ -184,11 +184,7 @@ def misplaced() -> str:
     [
         (with_missing(), 397, "3 of 400 rows dropped for a missing number"),
         (with_words(), 397, "3 of 400 rows dropped for a missing number"),
-        (
-            "".join([lines()[0], *(row * 2 for row in lines()[1:])]),
-            400,
-            "400 of 800 rows dropped as duplicates",
-        ),
+        (doubled(), 400, "400 of 800 rows dropped as duplicates"),
         (run_twice(), 800, "the time goes back (1 x): taken as 2 runs"),
         (misplaced(), 400, "2 rows put in their order"),
         (text(_SI)[:-15], 399, "the last line, which is cut off"),
