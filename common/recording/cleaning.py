@@ -99,7 +99,9 @@ class _Rows:
         """
         steps = np.diff(self.time_s)
         back = np.flatnonzero(steps < 0.0)
-        far = back[-steps[back] > _MISPLACED * np.median(np.abs(steps))] + 1 if len(back) else back
+        if not len(back):  # and nothing to copy
+            return
+        far = back[-steps[back] > _MISPLACED * np.median(np.abs(steps))] + 1
         runs = np.split(np.arange(len(self.time_s)), far)
         order = np.concatenate([run[np.argsort(self.time_s[run], kind="stable")] for run in runs])
         if moved := np.count_nonzero(order != np.arange(len(order))):
