@@ -9,10 +9,10 @@ import numpy as np
 
 from forefeel.common.errors import ConfigurationError, RecordingError, UnclearError, UntimedError
 from forefeel.common.recording import array_tables
-from forefeel.common.recording.cleaning import clean, of_one_zero, unwrapped, without_full_scale
+from forefeel.common.recording.cleaning import COMMON, clean, of_one_zero, unwrapped, without_full_scale
 from forefeel.common.recording.columns import Choice, candidates, further
 from forefeel.common.recording.mcap_reader import Run
-from forefeel.common.recording.proposals import Table, different, doubt_about, propose
+from forefeel.common.recording.proposals import ReadOnce, Table, different, doubt_about, propose
 from forefeel.common.recording.recording import Array, Column, Recording
 from forefeel.common.recording.ros_table import RosTable
 from forefeel.common.recording.text_table import TextTable
@@ -33,6 +33,7 @@ _TABLES: dict[str, Callable[[Path], Table]] = {
     ".bag": RosTable,
 }
 SUFFIXES = (*_TABLES, ".mcap")
+Check = Callable[[Recording], None]
 
 
 def load(
@@ -66,13 +67,18 @@ def load(
 
 
 def load_recording(
-    path: Path, mapping: Mapping | None = None, axis: str | None = None, force: bool | None = None
+    path: Path,
+    mapping: Mapping | None = None,
+    axis: str | None = None,
+    force: bool | None = None,
+    check: Check = lambda _: None,
 ) -> Recording:
     """The recording in a file of one of `SUFFIXES`, or in the folder of a LeRobot data set.
 
     Which column is what, and its unit, is taken from the names where they say it. Rows that can not be used
     are dropped. `Recording.taken` tells both. `axis` chooses one of an MCAP file of ours; it may be left out
     when there is only one. `force`: whether it is needed; None: where it is there; False: not looked for.
+    `check` raises a RecordingError for a recording of no use: an UnclearError offers only what passes it.
 
     Raises:
         UnclearError: which column is what is not sure.
@@ -87,7 +93,7 @@ def load_recording(
     if suffix not in SUFFIXES:
         raise RecordingError(f"{path}: suffix {suffix!r}, expected one of {', '.join(SUFFIXES)}")
     table = RosTable(path, run.truncated) if suffix == ".mcap" else _TABLES[suffix](path)
-    return recording_of(table, path.stem, str(path), mapping, force)
+    return recording_of(table, path.stem, str(path), mapping, force, check)
 
 
 def recordings_in(folder: Path) -> list[Path]:
@@ -110,23 +116,33 @@ def recordings_in(folder: Path) -> list[Path]:
 
 
 def recording_of(
-    table: Table, name: str, source: str, mapping: Mapping | None = None, force: bool | None = None
+    table: Table,
+    name: str,
+    source: str,
+    mapping: Mapping | None = None,
+    force: bool | None = None,
+    check: Check = lambda _: None,
 ) -> Recording:
     """The recording in a table, in SI and cleaned; see `load_recording`, also for what is raised. `source`:
     head of error texts. The time keeps its origin, but stamps since 1970 begin at 0.
     """
-    mapping = mapping or Mapping()
-    chosen, equals = _chosen(source, table, mapping, force)
+    mapping, columns = mapping or Mapping(), ReadOnce(table)
+    chosen, doubts, equals = _chosen(source, columns, mapping, force)
+    if doubts:
+
+        def trial(answered: Mapping) -> None:
+            check(recording_of(columns, name, source, answered, force))
+
+        raise _unclear(source, columns, mapping, chosen, doubts, trial)
     notes = [f"{column} equals {first} in every row" for column, first in equals.items()]
     time_s, rows = _in_si(table, chosen, mapping.rate_hz, notes)
     names = [chosen[quantity][0] for quantity in QUANTITIES[1:] if quantity in chosen]
     beside = _further(table, {*(column for column, _ in chosen.values()), *equals})
-    time_s, values, done = clean(time_s, np.vstack([*rows, *(c.values for c in beside)]), len(rows), names)
+    time_s, values, done = clean(time_s, np.vstack([*rows, *(c.values for c in beside)]), names)
     notes = list(dict.fromkeys((*table.notes, *notes, *done)))
     if len(time_s) < 2:
-        raise RecordingError(
-            f"{source}: {'; '.join([f'{len(time_s)} sample(s)', *notes])}, expected at least 2"
-        )
+        left = "; ".join([f"{len(time_s)} sample(s)", *notes])
+        raise RecordingError(f"{source}: {left}, expected at least 2")
     if np.any(np.diff(time_s) <= 0.0):
         raise RecordingError(
             f"{source}: {len(time_s):,} rows share {len(np.unique(time_s)):,} stamps: their digits are lost; "
@@ -139,10 +155,10 @@ def recording_of(
     others = []
     for column, row in zip(beside, values[len(rows) :], strict=True):
         there = np.isfinite(row)
-        if np.mean(there) > _KNOWN:
+        if np.mean(there) > COMMON:
             others.append(replace(column, values=np.interp(time_s, time_s[there], row[there])))
-    columns = {quantity: f"{unit}:{column}" for quantity, (column, unit) in chosen.items()}
-    return Recording(name, time_s, values[0], force_n, source, columns, tuple(notes), tuple(others))
+    texts = {quantity: f"{unit}:{column}" for quantity, (column, unit) in chosen.items()}
+    return Recording(name, time_s, values[0], force_n, source, texts, tuple(notes), tuple(others))
 
 
 def _in_si(
@@ -169,7 +185,6 @@ def _in_si(
 
 _RATE = "the rate of the rows in Hz, such as --rate 50 (in Python rate_hz=50)"
 _MOST_FURTHER = 8  # columns that are kept beside: a wide table costs no more memory
-_KNOWN = 0.9  # share of its numbers that such a column needs
 
 
 def _further(table: Table, taken: Collection[str]) -> list[Column]:
@@ -192,19 +207,22 @@ def _first(values: Array) -> float:
 
 Chosen = dict[Quantity, tuple[str, str]]
 """Column and unit of each quantity."""
+Doubts = dict[Quantity, list[Choice]]
+"""Columns that may hold a quantity."""
 
 
-def _chosen(source: str, table: Table, mapping: Mapping, force: bool | None) -> tuple[Chosen, dict[str, str]]:
-    """Column and unit of each quantity, as given or by its name, and the columns that equal another, by name;
-    a force that is not given is left out where `force` is False, or None and no column is named so. No time
-    where a rate is given. Raises UnclearError where in doubt, RecordingError where a given column is missing
-    or none can be meant.
+def _chosen(
+    source: str, table: Table, mapping: Mapping, force: bool | None
+) -> tuple[Chosen, Doubts, dict[str, str]]:
+    """Column and unit of each quantity, as given or by its name; the columns of each that is in doubt; and
+    the columns that equal another, by name. A force that is not given is left out where `force` is False, or
+    None and no column is named so. No time where a rate is given. Raises RecordingError where a given column
+    is missing.
     """
-    chosen, equals, doubts = dict(mapping.columns()), dict[str, str](), dict[Quantity, list[Choice]]()
+    chosen, doubts, equals = dict(mapping.columns()), Doubts(), dict[str, str]()
     for quantity, (column, _) in chosen.items():
         if column not in table.names:
-            names = ", ".join(map(repr, table.names))
-            raise RecordingError(f"{source}: no column {column!r} for the {quantity}, it has {names}")
+            raise RecordingError(f"{source}: no column {column!r} for the {quantity}, it has {_names(table)}")
     wanted = [q for q in QUANTITIES if q != "time" or mapping.rate_hz is None]
     for quantity in wanted:
         if quantity in chosen or (quantity == "force" and force is False):
@@ -216,32 +234,35 @@ def _chosen(source: str, table: Table, mapping: Mapping, force: bool | None) -> 
             chosen[quantity] = choices[0].column, choices[0].unit
         elif quantity != "force" or force or any(choice.named for choice in choices):
             doubts[quantity] = choices
-    if doubts:
-        raise _unclear(source, table, mapping, force, chosen, doubts)
-    return {quantity: chosen[quantity] for quantity in wanted if quantity in chosen}, equals
+    return {quantity: chosen[quantity] for quantity in wanted if quantity in chosen}, doubts, equals
+
+
+def _names(table: Table) -> str:
+    return ", ".join(map(repr, table.names))
 
 
 def _unclear(
     source: str,
     table: Table,
     mapping: Mapping,
-    force: bool | None,
     chosen: Chosen,
-    doubts: dict[Quantity, list[Choice]],
+    doubts: Doubts,
+    trial: Callable[[Mapping], None],
 ) -> RecordingError:
-    """UnclearError on what is in doubt, with columns and units that are likely, once the table was read with
-    them. RecordingError where they are not all there, or that failed.
+    """UnclearError on what is in doubt, with columns and units that are likely, once they passed the `trial`
+    or with what that asks for. RecordingError where they are not all there, or that refuses them.
     """
     likely: dict[Any, Any] = propose(table, chosen, doubts)
     doubt = f"{source}: {'; '.join(doubt_about(*item) for item in doubts.items())}"
     answers = ", ".join(f"{quantity} = {likely.get(quantity, 'UNIT:COLUMN')}" for quantity in doubts)
     if len(likely) < len(doubts):
-        names = ", ".join(map(repr, table.names))
-        lacking = f"{doubt}; it has {names}, expected {answers}"
+        lacking = f"{doubt}; it has {_names(table)}, expected {answers}"
         timed = "time" in likely or "time" not in doubts
         return RecordingError(lacking) if timed else UntimedError(f"{lacking}; or {_RATE}")
     try:
-        recording_of(table, "", source, replace(mapping, **likely), force)
+        trial(replace(mapping, **likely))
+    except UnclearError as odd:
+        likely |= odd.columns
     except RecordingError as error:
         return RecordingError(f"{doubt}; with {answers}: {str(error).removeprefix(f'{source}: ')}")
     return UnclearError(doubt, likely)

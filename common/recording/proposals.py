@@ -1,6 +1,7 @@
 """Columns and units that are likely meant where names leave it open: by names, place and numbers."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from typing import NamedTuple, Protocol
 
@@ -9,7 +10,7 @@ import numpy as np
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.columns import Choice, axis_of, is_of_a_joint, is_rotary, words_of
 from forefeel.common.recording.recording import Array
-from forefeel.common.recording.units import QUANTITIES, TO_SI, Quantity, si_of
+from forefeel.common.recording.units import QUANTITIES, TO_SI, Quantity
 
 Ranges = dict[Quantity, dict[str, tuple[float, float]]]
 _LIKELY: Ranges = {
@@ -37,15 +38,26 @@ class Table(Protocol):
     def read(self, names: Sequence[str]) -> list[Array]: ...
 
 
+class ReadOnce:
+    """A table whose columns are kept once they were read: a file of text takes a second per million rows."""
+
+    def __init__(self, table: Table) -> None:
+        self._table = table
+        self.names, self.units, self.notes = table.names, table.units, table.notes
+        self._columns: dict[str, Array] = {}
+
+    def read(self, names: Sequence[str]) -> list[Array]:
+        if lacking := [name for name in names if name not in self._columns]:
+            self._columns.update(zip(lacking, self._table.read(lacking), strict=True))
+        return [self._columns[name] for name in names]
+
+
 class Likely(NamedTuple):
-    """A column with the unit that it states or is likely; `moves`: standard deviation in SI; `different`:
-    number of different values.
-    """
+    """A column with the unit that it states or is likely; `moves`: standard deviation in SI."""
 
     column: str
     unit: str
     moves: float = 0.0
-    different: int = 0
 
 
 def different(
@@ -56,6 +68,8 @@ def different(
     """
     if len(choices) < 2:
         return choices
+    with suppress(RecordingError):  # of one of them: `_numbers` leaves it out
+        table.read([choice.column for choice in choices])
     read: dict[Choice, Array] = {}
     for choice in choices:
         values = _numbers(table, choice.column)
@@ -86,40 +100,31 @@ def propose(
                 unit := choice.unit or _likely_unit(quantity, choice.column, values)
             ):
                 moves = TO_SI[quantity][unit] * float(np.nanstd(values))
-                usable[quantity].append(Likely(choice.column, unit, moves, len(np.unique(values))))
+                usable[quantity].append(Likely(choice.column, unit, moves))
     best: dict[Quantity, Likely] = {}
     if times := usable.get("time"):
-        best["time"] = next(
-            one for one in times if 2 * one.different >= max(other.different for other in times)
-        )
+        best["time"] = times[0]
     taken = best["time"].column if times else ""
     positions, forces = ([x for x in usable.get(q, []) if x.column != taken] for q in QUANTITIES[1:])
     pairs = [(x, f) for x in positions for f in forces if x.column != f.column]
     if pairs:
-        order = partial(_likeness, list(table.names), positions, forces)
+        order = partial(_likeness, list(table.names), positions)
         best["position"], best["force"] = max(pairs, key=order)
     else:
         best |= {"position": positions[0]} if positions else {}
     return {q: f"{best[q].unit}:{best[q].column}" for q in doubts if q in best}
 
 
-def _likeness(
-    names: list[str], positions: list[Likely], forces: list[Likely], pair: tuple[Likely, Likely]
-) -> tuple[float, ...]:
-    """Order in which a position and a force go together: no angle or torque; of the same axis, and with the
-    same words; of axes those that move most; the first position, with the force that stands nearest.
+def _likeness(names: list[str], positions: list[Likely], pair: tuple[Likely, Likely]) -> tuple[float, ...]:
+    """Order in which a position and a force go together: of the same axis, and with the same words; of axes
+    that which moves most; the force that stands nearest.
     """
     position, force = pair
-    place = names.index(position.column)
     return (
-        si_of("position", position.unit) == "m",
-        si_of("force", force.unit) == "N",
         axis_of(position.column) == axis_of(force.column) != "",
         len(words_of(position.column) & words_of(force.column)),
         position.moves if all(axis_of(one.column) for one in positions) else 0.0,
-        force.moves if all(axis_of(one.column) for one in forces) else 0.0,
-        -place,
-        -abs(names.index(force.column) - place),
+        -abs(names.index(force.column) - names.index(position.column)),
     )
 
 
@@ -159,9 +164,7 @@ def _likely_unit(quantity: Quantity, name: str, values: Array) -> str | None:
     whole = bool(np.all(values == np.round(values)))
     if quantity == "time":
         for unit, to_s in TO_SI["time"].items():
-            if _EPOCH_S[0] < values[0] * to_s < _EPOCH_S[1] and (
-                size * to_s < 10.0 or np.mean(steps == 0.0) > 0.5
-            ):
+            if _EPOCH_S[0] < values[0] * to_s < _EPOCH_S[1]:
                 return unit
     counts = whole and (np.all(steps == 1.0) if quantity == "time" else size > _MOST_DIGITS)
     if counts or (quantity != "time" and is_of_a_joint(name)):

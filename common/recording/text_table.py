@@ -6,7 +6,7 @@ import re
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import islice
@@ -83,13 +83,17 @@ class TextTable:
             RecordingError: a cell that is none of these, with its row; a row too short that is not the last.
         """
         places = list(map(self.names.index, names))
+        end = self._layout.delimiter
+        empty = re.compile(rf"{re.escape(end)} *(?=[{re.escape(end)}\r\n])")
         try:
-            try:
-                with self._rows() as rows:
-                    return self._numbers(rows, places)
-            except ValueError:  # a date, a missing cell, a comment, a row of another width, or no number
-                with self._rows() as rows:
-                    return self._cells(rows, places)
+            # by numpy, which takes no empty cell, in a third of the time; of blanks none is an empty cell
+            for filled in (False,) if end == _BLANK else (False, True):
+                with suppress(ValueError), self._rows() as rows:
+                    return self._numbers(
+                        (empty.sub(f"{end}nan", row) for row in rows) if filled else rows, places
+                    )
+            with self._rows() as rows:  # a date, a comment, a row of another width, or no number
+                return self._cells(rows, places)
         except (UnicodeError, csv.Error) as error:
             raise RecordingError(f"{self._path}: {reason_of(error)}, expected text") from error
 

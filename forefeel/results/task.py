@@ -184,7 +184,8 @@ def _examine(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
     """
     tell("reading")
     files = [task.file, *task.beside, *([task.confirm] if task.confirm else [])]
-    recordings = [_read(f, task.columns, task) for f in files]
+    usable = partial(require_usable, as_is=task.as_is)
+    recordings = [load_recording(file, task.columns, task.axis, force=True, check=usable) for file in files]
     other = recordings.pop() if task.confirm else None
     if other is not None:
         with units_of(other.columns):
@@ -217,25 +218,6 @@ def _examine(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
         lines += [f"{label:<11} {text}" for label, text in labelled]
     page = partial(_page, task, judged.details, across, replay)
     return Result(diagnosis, (*taken, *lines, disclaimer), texts, recording.columns), page
-
-
-def _read(file: Path, columns: ColumnMapping, task: Task) -> Recording:
-    """The recording of a file. Tries the columns of an UnclearError, with the units that are usual; raises a
-    RecordingError in its place where the file can not be diagnosed with them.
-    """
-    try:
-        return load_recording(file, columns, task.axis, force=True)
-    except UnclearError as unclear:
-        lacking = dict(unclear.columns)
-        try:
-            require_usable(_read(file, replace(columns, **lacking), task), task.as_is)
-        except UnclearError as odd:
-            raise UnclearError(unclear.doubt, {**lacking, **odd.columns}) from None
-        except RecordingError as error:
-            tried = ", ".join(f"{quantity} = {text}" for quantity, text in lacking.items())
-            reason = str(error).removeprefix(f"{file}: ")
-            raise RecordingError(f"{unclear.doubt}; with {tried}: {reason}") from None
-        raise
 
 
 def _page(task: Task, diagnosed: Diagnosed, across: "Across | str | None", replay: Replay | None) -> str:

@@ -78,10 +78,7 @@ CLEAR: dict[str, tuple[str, str | bytes]] = {
     "capitals_blanks": ("csv", text("Time_s, Position_m, Force_N", ", ")),
     "iso_stamps": ("csv", stamped("timestamp,position_mm,force_n", iso)),
     "clock": ("csv", stamped("time,position_mm,force_n", clock)),
-    "epoch_ms": (
-        "csv",
-        stamped("time_ms,position_mm,force_n", lambda t: str(START_NS // 10**6 + round(1e3 * t))),
-    ),
+    "epoch_ms": ("csv", stamped("time_ms,position_mm,force_n", epoch_ms)),
     "comments": ("csv", f"# rig 7\n# {_SI}\n" + text("")),
     "tsv": ("tsv", text(_SI.replace(",", "\t"), "\t")),
     "txt": ("txt", text(_SI.replace(",", "\t"), "\t")),

@@ -1,5 +1,6 @@
 """What happens on an axis: coalesced, worded, published, and told at the console."""
 
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -9,7 +10,7 @@ from forefeel.common.clock import VirtualClock
 from forefeel.common.events.axis import EventCoalescer
 from forefeel.common.events.console import Notices, tell_notices
 from forefeel.common.events.sink import NULL_EVENT_SINK
-from forefeel.common.events.text import event_text, is_long_round_trip, long_round_trip, span
+from forefeel.common.events.text import event_text, gap, is_long_round_trip, long_round_trip, span
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import Message
 from forefeel.common.topics import (
@@ -48,6 +49,16 @@ def test_the_first_of_a_key_is_told_at_once_then_the_first_of_each_interval_with
 
 
 # --- text ---
+
+
+def test_an_end_that_was_silent_between_two_states_is_told_by_its_own_clock() -> None:
+    stamps_ms = [*range(0, 1000, 20), 1480, 3480, 3500]
+    states = [None, *(usual(SLAVE_STATE, stamp_ns=ms * MS) for ms in stamps_ms)]
+    told = [gap(SLAVE_STATE, before, state) for before, state in pairwise(states) if state is not None]
+    assert {i: text for i, text in enumerate(told) if text} == {
+        stamps_ms.index(3480): f"slave was silent for {span(2.0)}"
+    }
+    assert gap(EMERGENCY_STOP, usual(EMERGENCY_STOP, stamp_ns=0), usual(EMERGENCY_STOP, stamp_ns=S)) == ""
 
 
 @pytest.mark.parametrize(

@@ -155,7 +155,12 @@ def with_missing() -> str:
     rows = lines()
     rows[10] = rows[10].split(",")[0] + ",,1.0\n"
     rows[20] = rows[20].split(",")[0] + ",0.01,NaN\n"
+    rows[30] = rows[30].split(",")[0] + ", ,\n"
     return "".join(rows)
+
+
+def with_words() -> str:
+    return with_missing().replace(",,1.0", ",null,1.0")
 
 
 def doubled() -> str:
@@ -177,12 +182,9 @@ def misplaced() -> str:
 @pytest.mark.parametrize(
     ("content", "count", "note"),
     [
-        (with_missing(), 398, "2 of 400 rows dropped for a missing number"),
-        (
-            "".join([lines()[0], *(row * 2 for row in lines()[1:])]),
-            400,
-            "400 of 800 rows dropped as duplicates",
-        ),
+        (with_missing(), 397, "3 of 400 rows dropped for a missing number"),
+        (with_words(), 397, "3 of 400 rows dropped for a missing number"),
+        (doubled(), 400, "400 of 800 rows dropped as duplicates"),
         (run_twice(), 800, "the time goes back (1 x): taken as 2 runs"),
         (misplaced(), 400, "2 rows put in their order"),
         (text(_SI)[:-15], 399, "the last line, which is cut off"),
@@ -196,7 +198,19 @@ def misplaced() -> str:
         (table(_SI, np.floor(100.0 * T_S + 1e-6) / 100.0, X_M, F_N), 400, "lost their digits below 0.01 s"),
         (table("time_s,position_m,F (N),F (N)", T_S, X_M, F_N, F_N), 400, "F (N) 4 equals F (N) 3"),
     ],
-    ids=["missing", "doubled", "two_runs", "misplaced", "cut", "us", "s", "scale", "digits", "equal"],
+    ids=[
+        "missing",
+        "words",
+        "doubled",
+        "two_runs",
+        "misplaced",
+        "cut",
+        "us",
+        "s",
+        "scale",
+        "digits",
+        "equal",
+    ],
 )
 def test_what_is_dropped_or_moved_is_said(tmp_path: Path, content: str, count: int, note: str) -> None:
     recording = load_recording(written(tmp_path, content))
@@ -250,9 +264,10 @@ def test_a_coarse_encoder_and_one_at_rest_are_not_held(tmp_path: Path) -> None:
 
 def test_a_cell_that_is_tared_again_is_told_and_has_one_zero(tmp_path: Path) -> None:
     noise = 1e-3 * np.random.default_rng(1).standard_normal(len(T_S))
-    tared = F_N + noise + 0.6 * (T_S > 1.2)
+    tared = F_N + noise + 0.6 * (T_S > 0.3) - 0.5 * (T_S > 1.6)
     recording = load_recording(written(tmp_path, table(_SI, T_S, X_M, tared)))
-    assert any(note.startswith("a step of 0.6 N at 1.205 s: tared again?") for note in recording.notes)
+    for step in ("0.6 N at 0.305 s", "-0.5 N at 1.605 s"):
+        assert any(note.startswith(f"a step of {step}: tared again?") for note in recording.notes)
     assert recording.force_n is not None
     np.testing.assert_allclose(recording.force_n, F_N, atol=0.01)
     stiffer = F_N + noise + (T_S > 1.2) * 30.0 * X_M  # what a change of the stiffness makes is none
@@ -400,6 +415,15 @@ def test_a_position_held_at_an_uneven_ratio_counts_when_it_was_taken(taken_hz: f
     inside = slice(20, -20)
     np.testing.assert_allclose(found.position_m[inside], moved(found.time_s)[inside], atol=2e-6)
     assert np.std(held - moved(t)) > 2e-4
+
+
+def test_a_position_held_across_gaps_is_held() -> None:
+    """Gaps of whole rows shift the rhythm against the stamps; in rows it stays."""
+    rows = np.arange(4000)
+    t = rows / 200.0 + 0.0137 * (rows // 500)
+    held = 0.01 * np.sin(2.0 * np.pi * 0.7 * t[rows // 5 * 5])
+    found = load({"time_s": t, "position_m": held, "force_N": np.cos(t)})
+    assert any("is held: it changes at 40 Hz" in note for note in found.notes)
 
 
 def test_names_without_an_axis_come_before_those_of_axes() -> None:
