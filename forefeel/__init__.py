@@ -20,15 +20,18 @@ if TYPE_CHECKING:
     from forefeel.common.estimation.predictor import Predictor
     from forefeel.common.recording.loading import load
     from forefeel.common.recording.recording import Recording
+    from forefeel.diagnosis.excitation import Limits
     from forefeel.library import (
         Cause,
         Confirmation,
         Diagnosis,
         Evaluation,
+        Investigation,
         Model,
         diagnose,
         diagnose_folder,
         evaluate,
+        investigate,
     )
 
     __version__: str
@@ -40,6 +43,7 @@ _ELSEWHERE = {
     "Predictor": "forefeel.common.estimation.predictor",
     "Recording": "forefeel.common.recording.recording",
     "UnclearError": "forefeel.common.errors",
+    "Limits": "forefeel.diagnosis.excitation",
     "connect": "forefeel.cell",
     "load": "forefeel.common.recording.loading",
 }
@@ -51,6 +55,8 @@ __all__ = [
     "Diagnosis",
     "Evaluation",
     "ForefeelError",
+    "Investigation",
+    "Limits",
     "Model",
     "Predictor",
     "Recording",
@@ -60,6 +66,7 @@ __all__ = [
     "diagnose",
     "diagnose_folder",
     "evaluate",
+    "investigate",
     "load",
 ]
 

@@ -32,6 +32,8 @@ COMMANDS = {
     "evaluate": "Replay recordings across a delay: zero-order hold, the paper, m-b-k-bias and forefeel.",
     "diagnose": "Show what the simulation gets wrong on a recording, name the cause, extend the model, "
     "measure the gain.",
+    "investigate": "Ask for the motion that a recording leaves to be made, and judge the answer to it: named "
+    "and confirmed, or why not.",
     "simulate": "Make a recording of any model: time_s, position_m, force_n.",
     "emulate": "Emulate a device at the level of its bytes, on a pseudo terminal or a CAN bus, until Ctrl-C.",
     "report": "Make the report of a run that was recorded before.",
@@ -53,7 +55,7 @@ SECTIONS = {
         "dashboard --connect tcp/10.0.0.2:7447", "metrics --connect tcp/10.0.0.2:7447",
         "view run.mcap", "report run.mcap --out out",
     ),
-    "Diagnose": ("evaluate run.csv", "simulate --model catheter --out run.csv"),
+    "Diagnose": ("investigate run.csv", "evaluate run.csv", "simulate --model catheter --out run.csv"),
     "Hardware": (
         "devices", "device probe --config slave.yaml", "calibrate load-cell --config slave.yaml",
         "home --config slave.yaml", "emulate zaber_ascii",

@@ -10,8 +10,8 @@
 All quantities are SI; a rotation has rad for m and N m for N.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
 from functools import partial
 from html import escape
 from pathlib import Path
@@ -37,16 +37,20 @@ if TYPE_CHECKING:
 
     from forefeel.diagnosis.confirmation import ConfirmationName, Replay
     from forefeel.diagnosis.diagnose import Diagnosed
+    from forefeel.diagnosis.excitation import Limits
+    from forefeel.diagnosis.investigation import Investigation as Asked
 
 __all__ = [
     "Cause",
     "Confirmation",
     "Diagnosis",
     "Evaluation",
+    "Investigation",
     "Model",
     "diagnose",
     "diagnose_folder",
     "evaluate",
+    "investigate",
 ]
 
 
@@ -81,12 +85,14 @@ class Diagnosis:
         model: the simulation extended by the causes, where any are named.
         lines: the answer in words.
         details: verdict, causes, intervals, flags and the analysis behind them.
+        confirmation: of an answer (`Investigation.judge`): its model on the question; None elsewhere.
     """
 
     recording: Recording
     model: Model
     lines: tuple[str, ...]
     details: "Diagnosed"
+    confirmation: "Confirmation | None" = None
 
     @property
     def verdict(self) -> VerdictName:
@@ -111,7 +117,7 @@ class Diagnosis:
             require_usable(other, as_is)
             replay = confirm(self.details, other)
             lines = confirmation_lines(replay.confirmation, self.details.diagnosis)
-        return Confirmation(tuple(f"{label:<11} {text}" for label, text in lines), replay)
+        return Confirmation(_lines(lines), replay)
 
     def __str__(self) -> str:
         """The first line of each part of the answer, without what plain regressions saw before the search."""
@@ -251,6 +257,80 @@ def diagnose_folder(
     if jobs == 1 and scheduler is None:
         return map(attempt, files)
     return in_parallel(attempt, files, jobs, scheduler)
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Investigation:
+    """The motion that a recording leaves to be made; `print` says it in some lines.
+
+    Attributes:
+        motion: to be played, without a force, at 1 kHz from 0 s on.
+        lines: in words, with what each rival says of it.
+        details: limits, forecasts, the diagnosis of the recording.
+    """
+
+    motion: Recording
+    lines: tuple[str, ...]
+    details: "Asked"
+
+    def judge(self, answer: Any, as_is: bool = False) -> Diagnosis:  # noqa: ANN401 - see `load`
+        """Diagnoses the recording of the motion, and holds its model against the first one: `unexplained`
+        where it does not hold there.
+
+        Raises:
+            RecordingError: it can not be diagnosed, or its units are not plausible (`as_is` asks nothing).
+        """
+        from forefeel.diagnosis.investigation import judge  # noqa: PLC0415 - as in `diagnose`
+        from forefeel.results.confirmation_text import confirmation_lines  # noqa: PLC0415
+        from forefeel.results.investigation import answer_lines, answer_model  # noqa: PLC0415
+        from forefeel.results.task import require_usable  # noqa: PLC0415
+
+        recording = _recording(answer, force=True)
+        with units_of(recording.columns), threadpool_limits(1):
+            require_usable(recording, as_is)
+            judged = judge(self.details, recording)
+            confirmed = None
+            if (replay := judged.replay) is not None:
+                named = judged.refused or judged.diagnosed.diagnosis
+                confirmed = Confirmation(_lines(confirmation_lines(replay.confirmation, named)), replay)
+        model = Model(answer_model(judged), judged.diagnosed.analysis.regression.sense)
+        details = judged.diagnosed
+        return Diagnosis(details.recording, model, tuple(answer_lines(judged)), details, confirmed)
+
+    def __str__(self) -> str:
+        return "\n".join(self.lines)
+
+    __repr__ = __str__
+
+
+def investigate(
+    recording: Any,  # noqa: ANN401 - a `Diagnosis`, or see `load`
+    *,
+    limits: "Limits | None" = None,
+    seconds: float = 20.0,
+) -> Investigation:
+    """Makes the motion to record next: one that settles most of what a poor first recording leaves open.
+
+    Args:
+        recording: a `Diagnosis`, a `Recording`, or what `load` takes.
+        limits: of the bench; None: what the recording has reached.
+        seconds: of the motion, 10 to 60.
+
+    Raises:
+        RecordingError: it has no force, no motion, or is shorter than 3 s.
+        ConfigurationError: another duration.
+    """
+    from forefeel.diagnosis.investigation import investigate as ask  # noqa: PLC0415 - as in `diagnose`
+    from forefeel.results.investigation import question_lines  # noqa: PLC0415
+
+    question = recording.details if isinstance(recording, Diagnosis) else _recording(recording, force=True)
+    with threadpool_limits(1):
+        asked = ask(question, {} if limits is None else asdict(limits), seconds)
+    return Investigation(asked.motion, tuple(question_lines(asked)), asked)
+
+
+def _lines(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
+    return tuple(f"{label:<11} {text}" for label, text in labelled)
 
 
 def _attempt(model: Path | None, as_is: bool, file: Path) -> tuple[Path, Diagnosis | InputError]:

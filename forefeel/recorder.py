@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from forefeel.common.bus import observed
+from forefeel.common.bus import M, observed
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.errors import CodecError, RunError
 from forefeel.common.events.text import gap
@@ -20,7 +20,7 @@ from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.runtime.service_manager import service_watchdog
 from forefeel.common.runtime.threads import in_thread
 from forefeel.common.slots import BoundedQueue
-from forefeel.common.topics import parse_key
+from forefeel.common.topics import Topic, parse_key
 from forefeel.common.transport.endpoints import address
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
@@ -62,7 +62,7 @@ class Recorder:
 
         Raises RecordingError when the file can not be made, EndpointError when an endpoint can not be used.
         """
-        self.path = path
+        self.path, self._cell = path, cell
         self.newest: dict[str, bytes] = {}
         self.rounds = 0
         self.silences: deque[str] = deque(maxlen=_SILENCES)
@@ -92,6 +92,14 @@ class Recorder:
     def missed(self) -> dict[str, int]:
         """Messages that were received and are not in the file, by reason."""
         return {"lost": self._queue.dropped, "malformed": self._writer.malformed}
+
+    def latest(self, topic: Topic[M], axis: str) -> M | None:
+        """The newest message of a topic; None where none was heard, or it is malformed."""
+        payload = self.newest.get(topic.key(self._cell, axis))
+        try:
+            return None if payload is None else observed(topic, payload, 0)[-1][0]
+        except (CodecError, IndexError):
+            return None
 
     def close(self) -> None:
         """Writes what has arrived, closes the file, leaves the network; idempotent.

@@ -147,7 +147,12 @@ class HandleWatch:
         except DeviceError as error:
             self._fail(error)
             return 0.0
-        if self.fault is None and self._polarity.is_reversed(self._reading.position_m, applied_n):
+        played = self._reading.recording_time_s is not None  # no force moves that hand
+        if (
+            self.fault is None
+            and not played
+            and self._polarity.is_reversed(self._reading.position_m, applied_n)
+        ):
             self.fault = _REVERSED
             self._notices.add(_REVERSED)
         return applied_n

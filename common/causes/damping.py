@@ -24,7 +24,6 @@ class AsymmetricDamping(ForceEffect):
         Parameter("backward_n_s_m", "N s/m", 0.0, 0.0, 1e6),
     )
     picture = "speed"
-    told_by = ("depths",)
     instead_of = "damping_n_s_m"
     reference = "Janot, Gautier and Brunot, Data Set and Reference Models of EMPS, 2019, asymmetric friction"
     fingerprint = "two slopes over velocity that meet at rest: a share proportional to |v|"
@@ -43,7 +42,6 @@ class QuadraticDrag(ForceEffect):
     site = "shaft"
     parameters = (Parameter("drag_n_s2_m2", "N s^2/m^2", 0.0, 0.0, 1e9),)
     picture = "speed"
-    told_by = ("depths",)
     reference = "Newton's law of drag, Batchelor, An Introduction to Fluid Dynamics, 1967"
     fingerprint = "odd in the velocity and growing with its square, without a jump at rest"
     words = "drag with the square of the speed"
@@ -64,7 +62,6 @@ class HuntCrossleyDamping(ForceEffect):
     site = "wall"
     parameters = (Parameter("damping_n_s_m2", "N s/m^2", 0.0, 0.0, 1e9),)
     picture = "depth"
-    told_by = ("depths",)
     occasional = True
     reference = "Hunt and Crossley, Coefficient of Restitution Interpreted as Damping, J. Appl. Mech. 42(2)"
     fingerprint = "proportional to speed, and more so the deeper: a loop that widens with depth and speed"

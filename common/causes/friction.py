@@ -66,7 +66,6 @@ class CoulombFriction(_AlongDirection):
     shorthands = {"force_n": ("forward_n", "backward_n")}  # noqa: RUF012 - a ClassVar of the base
     picture = "speed"
     kin = "dry friction"
-    told_by = ("speeds", "amplitudes")
     reference = "Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994"
     fingerprint = "two levels by the sign of the velocity: a jump at each reversal, no growth with speed"
     words = "dry friction"
@@ -121,7 +120,6 @@ class StribeckFriction(_AlongDirection):
     )
     picture = "speed"
     kin = "dry friction"
-    told_by = ("speeds",)
     reference = "Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30(7), 1994, Gaussian form"
     fingerprint = "two levels by the sign of the velocity with a peak at low speed that falls with speed"
     words = "dry friction that is larger at low speed"
@@ -199,7 +197,6 @@ class PreslidingHysteresis(ForceEffect):
     picture = "reversal"
     kin = "dry friction"
     rubs = True
-    told_by = ("amplitudes", "rates")
     reference = "Dahl, A Solid Friction Model, Aerospace Corporation TOR-0158(3107-18)-1, 1968"
     fingerprint = "a curve over the distance since the last reversal that saturates, the same at any speed"
     words = "friction that builds up over a distance after each reversal"

@@ -133,7 +133,6 @@ class Pulsation(PeriodicForce):
     parameters = harmonic_parameters(1.2, 0.005, 50.0)
     picture = "period"
     kin = "rhythm"
-    told_by = ("stillness",)
     reference = "Fourier series of the arterial pulse, McDonald's Blood Flow in Arteries, 6th ed."
     fingerprint = "a line in the spectrum and its harmonics that stay while the operator holds still"
     words = "a periodic force of its own, such as heart beat or breath"
@@ -363,7 +362,6 @@ class GravityLoad(ForceEffect):
     parameters = (Parameter("sine_n", "N", 0.0, -1e4, 1e4), Parameter("cosine_n", "N", 0.0, -1e4, 1e4))
     picture = "position"
     rotary = True
-    told_by = ("angles", "stillness")
     reference = "Spong, Hutchinson and Vidyasagar, Robot Modeling and Control, 2006, section 7.3"
     fingerprint = "a sine of the angle with one period a turn, the same both ways, at any speed and at rest"
     words = "the weight of a link or of an eccentric holder"

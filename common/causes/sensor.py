@@ -25,7 +25,6 @@ class Bias(ForceEffect):
     name = "bias"
     site = "sensor"
     parameters = (Parameter("force_n", "N", 0.0, -1e4, 1e4, explains=100.0),)
-    told_by = ("no load",)
     sized_anew = True
     reference = "additive offset of the measurement"
     fingerprint = "a constant level that does not depend on motion or time"
@@ -75,7 +74,6 @@ class SensorDrift(ForceEffect):
         Parameter("settling_s", "s", 0.0, 0.0, 1e6, linear=False),
         Parameter("from_s", "s", 0.0, -1e12, 1e12, linear=False),
     )
-    told_by = ("no load",)
     sized_anew = True
     clocked = True
     reference = "linear zero drift of the measurement; exponential, as a body that warms up: Newton's cooling"
@@ -114,7 +112,6 @@ class SensorLag(SensorEffect):
     picture = "phase"
     bends = True
     needs_spring = True
-    told_by = ("frequencies",)
     reference = "first-order low-pass filter, zero-order-hold discretisation"
     fingerprint = "the force follows the motion late, and smaller the higher the frequency"
     words = "a load cell that follows slowly"
@@ -142,7 +139,6 @@ class TimeDelay(SensorEffect):
     parameters = (Parameter("delay_s", "s", 0.0, 0.0, 10.0, linear=False),)
     picture = "phase"
     bends = True
-    told_by = ("frequencies",)
     reference = "pure transport delay"
     fingerprint = "the force follows the motion late by one time at every frequency, and is as large"
     words = "a force that is stamped late against the motion"

@@ -38,7 +38,6 @@ class Backlash(MotionEffect):
     parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("width_m", "m", 0.0, 0.0, 1e6, linear=False),)
     picture = "reversal"
     kin = "play"
-    told_by: ClassVar[Sequence[str]] = ("amplitudes",)
     reference = "Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989, the play operator"
     fingerprint = "after each reversal the force stands still over a constant width of the position"
     words = "play between stage and instrument"
@@ -95,7 +94,6 @@ class Play(Backlash):
     """
 
     name = "play"
-    told_by = ()
     parameters = (
         *Backlash.parameters,
         Parameter("rest_position_m", "m", 0.0, -1e6, 1e6, linear=False),

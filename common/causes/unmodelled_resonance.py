@@ -86,7 +86,6 @@ class UnmodelledResonance(ForceEffect):
     )
     picture = "spectrum"
     bends = True
-    told_by = ("frequencies",)
     reference = "den Hartog, Mechanical Vibrations, chapter 3: the vibration absorber"
     fingerprint = "ringing at one frequency that decays after each change of the motion"
     words = "something flexible that swings: a second mode"

@@ -84,7 +84,6 @@ class Stiffening(ForceEffect):
         Parameter("cubic_n_m3", "N/m^3", 0.0, -1e12, 1e12, explains=0.1),
     )
     picture = "position"
-    told_by = ("angles", "depths", "stillness", "repetition")
     occasional = True
     reference = "polynomial restoring force, Duffing, Erzwungene Schwingungen, 1918"
     fingerprint = "a curve over position, the same on the way in and out and at any speed"
@@ -146,7 +145,6 @@ class StressRelaxation(ForceEffect):
         Parameter("time_constant_s", "s", 1.0, 1e-4, 1e4, linear=False),
     )
     needs_spring = True
-    told_by = ("no load", "rates")
     reference = "Fung, Biomechanics: Mechanical Properties of Living Tissues, 2nd ed., chapter 2"
     fingerprint = (
         "an exponential fading during each hold, of opposite sign after a withdrawal; "
@@ -221,7 +219,6 @@ class StiffnessChange(ForceEffect):
         Parameter("ratio", "", 1.0, 0.0, 1e3, linear=False),
         Parameter("rest_position_m", "m", 0.0, -1e6, 1e6, linear=False),
     )
-    told_by = ("stillness", "repetition")
     of_its_run = True
     clocked = True
     reference = "spring with a step in its stiffness; punctures: Okamura et al., IEEE T-BME 51(10), 2004"
@@ -264,7 +261,6 @@ class ContactLoss(ContactEffect):
         Parameter("release_s", "s", 0.0, 0.0, 1e3, linear=False),
     )
     picture = "contact"
-    told_by = ("repetition",)
     reference = "Signorini's unilateral contact condition"
     fingerprint = "no force on one side of a position, a kink there, the model's force on the other side"
     words = "contact that begins at a certain position only"
@@ -328,7 +324,6 @@ class YieldingWall(ForceEffect):
     )
     picture = "memory"
     kin = "contact_loss"
-    told_by = ("repetition",)
     reference = "spring in series with dry friction, Prandtl, ZAMM 8(2), 1928, yielding to one side"
     fingerprint = "a plateau in strokes that go deeper than all before; later ones touch the wall deeper"
     words = "a wall that gives way for good where it is pushed too hard"
@@ -396,7 +391,6 @@ class Prolapse(ForceEffect):
         Parameter("rest_position_m", "m", 0.0, -1e6, 1e6, linear=False),
     )
     picture = "memory"
-    told_by = ("repetition",)
     reference = "relay, Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989"
     fingerprint = "a fall of the force at a place on the way in, which comes back at another on the way out"
     words = "a wire that folds over above a force and stands again when it is unloaded"

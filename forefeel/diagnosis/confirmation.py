@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 
 from forefeel.common.causes.candidate import base_name
+from forefeel.common.causes.sensor import SensorSpikes
 from forefeel.common.causes.wall import StiffnessChange
 from forefeel.common.error_size import Floats, rms
 from forefeel.common.errors import RecordingError
@@ -84,11 +85,13 @@ def confirm(diagnosed: Diagnosed, recording: Recording) -> Replay:
     if is_long(recording):
         recording = recording.cut(liveliest(recording, stretch_s(recording)))
     _require_columns(recording, analysis)
-    cleaned, here, cutoff_hz = clean(recording), analysis.regression, analysis.regression.signals.cutoff_hz
+    here, cutoff_hz = analysis.regression, analysis.regression.signals.cutoff_hz
+    cleaned = clean(recording, any(cause.name == SensorSpikes.name for cause in diagnosis.causes))
     if recording.rate_hz < (least_hz := cutoff_hz / _WIDEST):
         place = f"{recording.source}: {recording.rate_hz:.4g} Hz"
         raise RecordingError(f"{place}, expected at least {least_hz:.4g} Hz for the band of the diagnosis")
-    there = here.like(Signals(recording, cleaned.force_n, cutoff_hz, cleaned.clipped))
+    void = cleaned.clipped | cleaned.spikes
+    there = here.like(Signals(recording, cleaned.force_n, cutoff_hz, void))
     rows, force_n = there.rows, there.signals.force[there.rows]
     base, fit = analysis.base, _at_its_instant(there, analysis.fit)
     before_n, after_n = less_own(there, fit, np.stack([there.residual(base), there.residual(fit)], 1)).T

@@ -1,13 +1,11 @@
-"""Kinds of motion by what they can tell, and motions that tell rivals apart."""
+"""Kinds of motion by what they can tell, and the motion to record next."""
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
 
-from forefeel.common.causes.catalogue import cause_class
 from forefeel.common.causes.friction import CoulombFriction, PreslidingHysteresis
 from forefeel.common.causes.sensor import SensorDrift, SensorLag
 from forefeel.common.causes.wall import Stiffening, StressRelaxation
@@ -23,70 +21,20 @@ _STEADY = 0.06
 _NOISE = 1.2  # times an estimate of it
 _RINGING = 0.2  # of the speed: 0.09 of a jump (Gibbs), which is twice the speed where a stroke turns
 
-_SEPARATING = {
-    "angles": NextMotion("strokes, slow and fast, over as much of a turn as can be had", 40.0),
-    "speeds": NextMotion("strokes from well below to well above the slowest so far, 0.1 to 10 mm/s", 60.0),
-    "amplitudes": NextMotion(
-        "strokes of several amplitudes at one speed, some below the width in question", 40.0
-    ),
-    "frequencies": NextMotion("sines of one amplitude at three or more frequencies, 0.5 to 15 Hz", 30.0),
-    "no load": NextMotion("a step, a hold of 30 s, then back to no load for 30 s", 60.0),
-    "rates": NextMotion("the same stroke at three speeds", 30.0),
-    "depths": NextMotion("the same strokes, slow and fast, to several depths", 40.0),
-    "stillness": NextMotion("a hold of 20 s at one position", 20.0),
-    "repetition": NextMotion("the same positions again, later", 30.0),
-}
-"""Motions that tell causes apart, by the words of their `told_by`."""
 RIVALS_AT_ONE_SPEED = PreslidingHysteresis.name, StressRelaxation.name, SensorLag.name
 """Of strokes of one speed: the time since a reversal and the way since then are one column there."""
 RIVALS_AT_CONSTANT_SPEED = CoulombFriction.name, SensorDrift.name, StressRelaxation.name, Stiffening.name
-MOTION_AFTER_CONSTANT_SPEED = NextMotion(
-    "the same way ten times slower or faster, with a hold of 30 s, and back; of what tears another specimen",
-    60.0,
-)
-GENERAL_MOTION = NextMotion(
-    "strokes of several amplitudes and speeds in both directions, with holds; or a multi-sine, 0.2 to 15 Hz",
-    60.0,
-)
+EXCITATION = NextMotion(None, 20.0)
+MOTION_AFTER_CONSTANT_SPEED = NextMotion(None, 60.0)
+"""At a pace that leaves room for strokes ten times slower, and holds."""
 NOISE_TELLING_MOTION = NextMotion(
     "the same strokes sampled at more than 200 Hz, and 10 s at rest: they tell how large the noise is", 30.0
 )
-_RHYTHM = NextMotion("10 s at rest, then 10 s at constant speed", 20.0)
-_FOLLOWED = {
-    "position": NextMotion("slow strokes in and out", 40.0),
-    "rhythm": _RHYTHM,
-    "time": _RHYTHM,
-    "past motion": _SEPARATING["no load"],
-    "speed": _SEPARATING["rates"],
-    "direction": _SEPARATING["amplitudes"],
-    "way": _SEPARATING["amplitudes"],
-    "acceleration": _SEPARATING["frequencies"],
-    "size of the force": _SEPARATING["depths"],
-}
-"""Motions that show more of what is left, by how the name of the variable begins that it follows."""
 
 
 def following_motion(follows: Sequence[Follows]) -> NextMotion:
-    """Motion for what is left, by the first variable that it follows; a general one where it follows none."""
-    if not follows:
-        return GENERAL_MOTION
-    first = follows[0]
-    motions = (motion for name, motion in _FOLLOWED.items() if first.variable.startswith(name))
-    motion = next(motions, GENERAL_MOTION)  # of another column
-    return replace(motion, low_m=first.low_m, high_m=first.high_m)
-
-
-def separating_motion(names: set[str]) -> NextMotion:
-    """Motion that tells most of these causes apart. Where none tells two of them: a multi-sine and a hold if
-    one relaxes or depends on frequency (`bends`), else general strokes.
-    """
-    count = Counter(motion for name in names for motion in cause_class(name).told_by)
-    best = max(_SEPARATING, key=lambda motion: count[motion])
-    if count[best] >= 2:
-        return _SEPARATING[best]
-    if any(cause_class(name).bends for name in names) or StressRelaxation.name in names:
-        return NextMotion("a multi-sine of 0.2 to 15 Hz, and a hold of 30 s", 60.0)
-    return GENERAL_MOTION
+    """Motion for what is left, with the place of the first variable that it follows, if it follows one."""
+    return replace(EXCITATION, low_m=follows[0].low_m, high_m=follows[0].high_m) if follows else EXCITATION
 
 
 def motion_kind(signals: Signals) -> MotionKind:

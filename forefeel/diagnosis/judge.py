@@ -16,6 +16,7 @@ from forefeel.common.error_size import Floats
 from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.follows import Leftover
 from forefeel.diagnosis.identifiability import (
+    EXCITATION,
     MOTION_AFTER_CONSTANT_SPEED,
     NOISE_TELLING_MOTION,
     RIVALS_AT_CONSTANT_SPEED,
@@ -23,7 +24,6 @@ from forefeel.diagnosis.identifiability import (
     MotionKind,
     following_motion,
     motion_kind,
-    separating_motion,
     turns,
 )
 from forefeel.diagnosis.regression import BASE, ModelFit
@@ -32,6 +32,7 @@ from forefeel.diagnosis.uncertainty import gain, held_out_errors, intervals, sig
 from forefeel.diagnosis.verdict import (
     MOST_TIMES_THE_NOISE,
     NAMING,
+    SLOW,
     Cause,
     Diagnosis,
     Follows,
@@ -48,7 +49,6 @@ _MOST_RIVALS = 3
 # share of the strokes' force that mass, damper and spring explain, and by how much more than of all of it
 _STROKES_EXPLAINED, _MORE_THAN_WHOLE = 0.8, 0.04
 _SLOWEST_CELL_S = 0.1  # a quarter of the time in which an HX711 settles at 10 samples a second (data sheet)
-SLOW = "slow_force"
 _STRUCTURE = 0.135
 _FLEXIBLE = 0.15  # lower end of the held-out gain of a function of one variable that shows structure
 # share of the residual that its past foretells, and of the force that is left, where the noise is unknown
@@ -164,7 +164,7 @@ class Judge:
             return "unexplained", following_motion(self._follows), ()
         groups = self._groups
         if groups:
-            return "not_separable", separating_motion({name for group in groups for name in group}), groups
+            return "not_separable", EXCITATION, groups
         return None
 
     @cached_property

@@ -229,6 +229,7 @@ class Refiner:
         logarithmic = CANDIDATES[name].logarithmic
         grid = np.array(CANDIDATES[name].grid(self.regression.extent))
         zero, scale = (np.zeros(1), np.ones(1)) if logarithmic else (grid.min(axis=0), np.ptp(grid, axis=0))
+        scale = np.where(scale > 0.0, scale, 1.0)  # of a shape that has one value on the grid
         grid = np.log(grid) if logarithmic else (grid - zero) / scale
         beyond = _BEYOND if logarithmic else _BEYOND_LINEAR
         low, high = grid.min(axis=0) - beyond, grid.max(axis=0) + beyond

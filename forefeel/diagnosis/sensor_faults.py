@@ -42,9 +42,10 @@ class Cleaned:
     faults: list[Cause] = field(default_factory=list)
 
 
-def clean(recording: Recording) -> Cleaned:
+def clean(recording: Recording, spikes_known: bool = False) -> Cleaned:
     """Finds saturation, quantisation, spikes and mains hum, and takes the last two out of a copy of the
-    force. `recording`: has to have a force; it stays as it is.
+    force. `recording`: has to have a force; it stays as it is. `spikes_known`: by another one; any are
+    some.
     """
     assert recording.force_n is not None
     force = np.array(recording.force_n)
@@ -56,7 +57,7 @@ def clean(recording: Recording) -> Cleaned:
         words = f"the force takes only {len(np.unique(force))} values, multiples of one step"
         parameters = {"step_n": Interval.about(step, 0.0005 * step)}
         cleaned.faults.append(Cause.on_readings(SensorQuantisation.name, parameters, words, step / 12.0**0.5))
-    _spikes(cleaned, recording, step)
+    _spikes(cleaned, recording, step, spikes_known)
     _mains(cleaned, recording)
     return cleaned
 
@@ -211,10 +212,10 @@ _BY_CHANCE = 0.003  # probability (Kolmogorov and Smirnov) below which it is non
 Ends = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
-def _spikes(cleaned: Cleaned, recording: Recording, step_n: float | None) -> None:
+def _spikes(cleaned: Cleaned, recording: Recording, step_n: float | None, known: bool) -> None:
     """Replaces spikes in `cleaned.force_n` by the running median, marks them in `cleaned.spikes`, adds the
-    fault. Does nothing where certain ones are below four or above 2 % of the samples, or come mostly at rest
-    or at certain times after reversals.
+    fault. Does nothing where certain ones are none or above 2 % of the samples, nor, unless they are `known`,
+    where they are below four or come mostly at rest or at certain times after reversals.
 
     `step_n`: of a comb of levels, if there is one: its flips are no spikes.
     """
@@ -227,10 +228,10 @@ def _spikes(cleaned: Cleaned, recording: Recording, step_n: float | None) -> Non
     scale = np.maximum(percentile_filter(np.abs(off), 85, width, mode="nearest"), usual)
     widest = max(3, round(0.004 * recording.rate_hz))
     certain = _isolated(force, off, _runs(off, _OUTLIER * scale), widest)
-    if not _LEAST_SPIKES <= len(certain[0]) <= 0.02 * len(force):
+    if not (1 if known else _LEAST_SPIKES) <= len(certain[0]) <= 0.02 * len(force):
         return
     rest = _at_rest(recording)
-    if np.mean(rest[certain[0]]) > 0.3 + 2.0 * np.mean(rest):  # play, not the sensor
+    if not known and np.mean(rest[certain[0]]) > 0.3 + 2.0 * np.mean(rest):  # play, not the sensor
         return
     starts, stops = _runs(off, _ANOTHER * scale)  # that there are spikes is certain: these are some, too
     short = stops - starts <= widest
@@ -240,7 +241,7 @@ def _spikes(cleaned: Cleaned, recording: Recording, step_n: float | None) -> Non
     where = np.zeros(len(force), dtype=np.bool_)
     for start, stop in zip(starts[high], stops[high], strict=True):
         where[max(start - 1, 0) : stop + 1] = True
-    if _come_with_the_motion(where, recording):
+    if not known and _come_with_the_motion(where, recording):
         return
     sizes, without = sizes[high], np.where(where, smooth, force)
     count, amplitude, spread = len(sizes), float(np.mean(sizes)), 1.96 * float(np.std(sizes))

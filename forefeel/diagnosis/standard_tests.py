@@ -35,7 +35,7 @@ from forefeel.common.causes.wall import StressRelaxation
 from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import Analysis, fitted_elsewhere
-from forefeel.diagnosis.identifiability import GENERAL_MOTION, turning_points
+from forefeel.diagnosis.identifiability import EXCITATION, turning_points
 from forefeel.diagnosis.regression import BASE
 from forefeel.diagnosis.sensor_faults import Cleaned, clean
 from forefeel.diagnosis.uncertainty import gain_over
@@ -141,7 +141,7 @@ def diagnosed_step(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
     held_out = HeldOut(response.left_n, response.left_n, 0.0, 0.0, 0.0)
     answers = 1.0 - (response.left_n / response.force_n) ** 2 > _ANSWERS
     verdict: VerdictName = "nothing_missing" if answers else "unexplained"
-    motion = None if answers else GENERAL_MOTION
+    motion = None if answers else EXCITATION
     flags = (*analysis.flags(), "step_response")
     return Diagnosis(verdict, (), (), motion, flags, None, error, error, held_out), analysis
 
@@ -348,7 +348,7 @@ def diagnosed_hold(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
     causes = (_relaxation(fit, sense, held_out),) if relaxes else ()
     analysis = fitted_elsewhere(recording, clean(recording), sense, *map(_coefficients, (spring, fit)))
     verdict: VerdictName = "cause_found" if relaxes else "nothing_found"
-    motion, flags = None if relaxes else GENERAL_MOTION, (*analysis.flags(), "ramp_and_hold")
+    motion, flags = None if relaxes else EXCITATION, (*analysis.flags(), "ramp_and_hold")
     return Diagnosis(verdict, causes, (), motion, flags, None, *models, held_out), analysis
 
 

@@ -22,6 +22,8 @@ MOST_TIMES_THE_NOISE = 3.0
 """Times the noise that a simulation which is complete leaves at most."""
 NAMING: frozenset[VerdictName] = frozenset({"cause_found", "partly_explained"})
 """Verdicts that name causes."""
+SLOW = "slow_force"
+"""Flag of a force that is slower than the strokes, beside which the search names what is slow."""
 Family = Literal["friction", "relaxation", "stiffening"]
 
 
@@ -167,9 +169,11 @@ class Look:
 
 @dataclass(frozen=True, slots=True)
 class NextMotion:
-    """Motion to record next: in words, and its duration and place, None of which is wherever it was."""
+    """Motion to record next: in words, None of which is that of `forefeel investigate`; its duration and
+    place, None of which is wherever it was.
+    """
 
-    words: str
+    words: str | None
     duration_s: float
     low_m: float | None = None
     high_m: float | None = None

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from forefeel.child_process import ChildProcess, free_endpoints
-from forefeel.common.bus import M, observed
-from forefeel.common.errors import CodecError, RunError
+from forefeel.common.errors import RunError
 from forefeel.common.messages import FOLLOWING
-from forefeel.common.topics import COMMAND, SLAVE_STATE, Topic
+from forefeel.common.topics import COMMAND, SLAVE_STATE
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.interrupt import Stop, signal_flag
 from forefeel.loopback.hardware import Emulators
@@ -112,25 +111,18 @@ def _watch(
     recording failed, no session within `_START_S`, or the slave ended; InputError: with code 2.
     """
 
-    def newest(topic: Topic[M]) -> M | None:
-        payload = recorder.newest.get(topic.key(plan.slave["cell"], AXIS))
-        try:
-            return None if payload is None else observed(topic, payload, 0)[-1][0]
-        except (CodecError, IndexError):
-            return None
-
     start_s, ready_s = time.monotonic(), None
     while master.running and slave.running:
         stop.check()
         recorder.check()
-        now_s, state = time.monotonic(), newest(SLAVE_STATE)
+        now_s, state = time.monotonic(), recorder.latest(SLAVE_STATE, AXIS)
         if ready_s is None and state is not None and state.session_id:
             ready_s = now_s
         if ready_s is None and now_s - start_s > _START_S:
             raise RunError(f"no session between master and slave within {_START_S:g} s (see the logs)")
         done_s = 0.0 if ready_s is None else now_s - ready_s
         if plan.duration_s is None:
-            command = newest(COMMAND)
+            command = recorder.latest(COMMAND, AXIS)
             done_s = (command.recording_time_s if command is not None else None) or 0.0
         show(done_s, state.state.value if state is not None else "starting")
         time.sleep(_POLL_S)
@@ -138,7 +130,7 @@ def _watch(
         slave.check()
         raise RunError("the slave ended before the master")
     for _ in range(int(_RELEASE_S / _POLL_S)):
-        state = newest(SLAVE_STATE)
+        state = recorder.latest(SLAVE_STATE, AXIS)
         if state is None or state.state not in FOLLOWING:
             return
         time.sleep(_POLL_S)

@@ -45,7 +45,7 @@ class VirtualLoopback:
         clock = self.runtime.clock
         self.slave = SlaveDaemon(plan.slave_settings(), bus.session(clock), self.runtime, new_id)
         self.master = MasterDaemon(plan.master_settings(), bus.session(clock), self.runtime, new_id)
-        self._plan = plan
+        self._plan, self._ended = plan, False
 
     def run(self, progress: Callable[[float], None]) -> None:
         """Runs both daemons until the master has finished or the time is over (`duration_s`, or twice the
@@ -57,7 +57,7 @@ class VirtualLoopback:
 
         def go_on(now_ns: int) -> bool:
             progress((now_ns - start_ns) * 1e-9)
-            return not self.master.finished
+            return not (self.master.finished or self._ended)
 
         gc.disable()  # what is made stays, as recorded messages: collecting would find nothing
         try:
@@ -65,6 +65,10 @@ class VirtualLoopback:
             self._come_to_rest()
         finally:
             gc.enable()
+
+    def end(self) -> None:
+        """Ends the run at the next tick; for `progress`."""
+        self._ended = True
 
     def _come_to_rest(self) -> None:
         """Shuts the master down, and the slave once it is at rest, 1 s of virtual time later at most; closes

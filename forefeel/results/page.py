@@ -1,6 +1,6 @@
 """report.html of a diagnosis: the verdict, one picture, each cause and its evidence, then details."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -43,9 +43,11 @@ def render_page(
     across: Across | str | None,
     given: ContactModel | None = None,
     replay: Replay | None = None,
+    asked: Sequence[Figure] = (),
 ) -> str:
     """HTML page of a diagnosis; a figure that fails is one line in its place. `across`: the prediction, None,
-    or why it failed; `given`: the simulation, None: the fitted one; `replay`: the model on another recording.
+    or why it failed; `given`: the simulation, None: the fitted one; `replay`: the model on another recording;
+    `asked`: figures of the motion that was asked for.
     """
     diagnosis, curves = diagnosed.diagnosis, Curves.of(diagnosed.analysis, given)
     predicted = across if isinstance(across, Across) else None
@@ -70,6 +72,7 @@ def render_page(
         on_readings=on_readings(diagnosis),
         given=given,
         extends=curves.extends,
+        asked=asked,
         picture_of_it=_draw(partial(_worst, curves, diagnosis)),
         sections=[(n, causes.get(n), _draw(draws[n]) if n in draws else None) for n in shown_names],
         details=details,

@@ -7,6 +7,7 @@ from pathlib import Path
 from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.common.recording.array_tables import is_data_set
 from forefeel.common.recording.loading import recordings_in
+from forefeel.diagnosis.excitation import SECONDS
 from forefeel.files import folder_named_after, fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
 from forefeel.results.folder import EARLIER, run_folder, save
@@ -73,6 +74,10 @@ def run_diagnosis(
         if task.page:
             draw(page, name, out, written)
         diagnosis = result.diagnosis
+        motion = diagnosis.next_motion
+        if motion is not None and motion.words is None and not beside and task.axis is None:
+            seconds = motion.duration_s if motion.duration_s != SECONDS[1] else None
+            suggest("investigate", first, seconds=seconds, **task.columns.options())
         if (diagnosis.names_causes or diagnosis.verdict == "nothing_missing") and task.axis is None:
             suggest("evaluate", first, *beside, model=out / MODEL, out=out, **task.columns.options())
 

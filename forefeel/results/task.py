@@ -128,6 +128,15 @@ def require_usable(recording: Recording, as_is: bool) -> None:
     check(recording)
 
 
+def usable_recording(file: Path, columns: ColumnMapping, axis: str | None, as_is: bool) -> Recording:
+    """The recording of a file that can be diagnosed; raises as `load_recording` and `require_usable`."""
+    usable = partial(require_usable, as_is=as_is)
+    recording = load_recording(file, columns, axis, force=True, check=usable)
+    with units_of(recording.columns):
+        usable(recording)
+    return recording
+
+
 def _doubt(recording: Recording, asked: Question) -> RecordingError:
     """Makes the error that asks about a doubtful quantity: an UnclearError with the unit in which it would be
     usual, where there is one, else a plain RecordingError.
@@ -253,13 +262,13 @@ def _document(diagnosed: Diagnosed, across: "Across | str | None", replay: Repla
         "confirmation": None if replay is None else asdict(replay.confirmation),
         "prediction_300_ms": None if across is None or isinstance(across, str) else asdict(across),
     }
-    return json.dumps(_finite(document), indent=2, allow_nan=False) + "\n"
+    return json.dumps(finite(document), indent=2, allow_nan=False) + "\n"
 
 
-def _finite(value: object) -> object:
+def finite(value: object) -> object:
     """The value for JSON: null in place of what is not finite, such as a ratio to nothing."""
     if isinstance(value, float):
         return value if isfinite(value) else None
     if isinstance(value, Mapping):
-        return {key: _finite(item) for key, item in value.items()}
-    return [_finite(item) for item in value] if isinstance(value, list | tuple) else value
+        return {key: finite(item) for key, item in value.items()}
+    return [finite(item) for item in value] if isinstance(value, list | tuple) else value

@@ -9,6 +9,7 @@ from forefeel.common.events.text import quantity, units_of
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.verdict import (
     MOST_TIMES_THE_NOISE,
+    SLOW,
     Cause,
     Diagnosis,
     ExpectedGain,
@@ -327,23 +328,19 @@ def next_steps(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]
         return ["nothing to mend; model.yaml holds this simulation for forefeel simulate and loopback"]
     if verdict == "not_driven_by_this_axis":
         return ["record the axis that pushes, or strokes of this one that nobody else touches"]
-    if motion is None:  # what is left is slower than the strokes
+    if SLOW in diagnosis.flags:
         return [
             "record a minute at rest at no load: a force that wanders then is of the bench, not of contact"
         ]
-    after = "then diagnose both recordings with --together"
-    if verdict == "not_separable":
-        after = f"it tells the rivals apart; {after}"
+    steps = [] if motion is None else [f"record {_motion(motion)}"]
     if verdict == "unexplained":
-        after = "and look at the bench where and when the report shows that most is left"
-    return [f"record {_motion(motion)}", after]
+        steps.append("look at the bench where and when the report shows that most is left")
+    return steps
 
 
 def _motion(motion: NextMotion) -> str:
-    """Words for a motion, with its place where it has one."""
-    if motion.low_m is None or motion.high_m is None:
-        return motion.words
-    return f"{motion.words}, at {quantity(motion.low_m, 'm')} to {quantity(motion.high_m, 'm')}"
+    asked = f"the {motion.duration_s:.0f} s of motion that forefeel investigate makes of this recording"
+    return motion.words or f"{asked}; it judges the answer, too"
 
 
 def _with_the_model(diagnosis: Diagnosis, across: "Across | str | None") -> list[str]:

@@ -59,6 +59,26 @@ def test_killed_master_stops_slave_until_another_comes(cell: LiveCell) -> None:
     cell.await_state("armed")
 
 
+def test_stop_during_an_investigation_leaves_a_recording_and_no_verdict(cell: LiveCell) -> None:
+    cell.start("slave").wait_for("listening")
+    words = ("investigate", "--config", "master.yaml", "--yes", "--out", "asked")
+    investigation = cell.start("investigate", *words)
+
+    def sweeps() -> bool:
+        """True once the mirrored motion is played, not only the way to its beginning."""
+        return any((sample.recording_time_s or 0.0) > 1.0 for sample in cell.messages(FORCE)[-300:])
+
+    wait_until(sweeps, every_s=0.2)
+    stop = cell.start("estop", "estop", "--config", "master.yaml")
+    assert stop.wait() == 0, stop.text
+    assert investigation.wait() == 1
+    assert "no verdict" in investigation.text and "estopped" in investigation.text, investigation.text
+    made = ff.load(cell.folder / "asked" / "question.mcap")
+    assert made.force_n is not None and np.ptp(made.position_m) > 1e-3
+    assert not list((cell.folder / "asked").glob("answer.*"))
+    check_stops(cell.messages(SAFETY_EVENT))
+
+
 def test_emergency_stop_outlives_kill_until_cleared(cell: LiveCell) -> None:
     slave, master = cell.pair()
     words = ("--cell", CELL, "--connect", cell.endpoint, "--pki", "pki", "--reason", "catheter kinked")

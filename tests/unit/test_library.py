@@ -12,11 +12,13 @@ import forefeel as ff
 from forefeel.common.recording.loading import recordings_in
 from forefeel.diagnosis.signals import Signals
 from forefeel.library import PageFigure
+from tests.unit.asked_bench import LIMITS, recorded, stroke
 from tests.unit.diagnosis_samples import FRICTION_N, made, put
 
 NAMES = {
-    "Axis", "Cause", "Cell", "Confirmation", "Diagnosis", "Evaluation", "ForefeelError", "Model", "Predictor",
-    "Recording", "UnclearError", "__version__", "connect", "diagnose", "diagnose_folder", "evaluate", "load",
+    "Axis", "Cause", "Cell", "Confirmation", "Diagnosis", "Evaluation", "ForefeelError", "Investigation",
+    "Limits", "Model", "Predictor", "Recording", "UnclearError", "__version__", "connect", "diagnose",
+    "diagnose_folder", "evaluate", "investigate", "load",
 }  # fmt: skip
 NOTEBOOK = Path(__file__).parents[2] / "docs/examples/library.ipynb"
 
@@ -75,6 +77,20 @@ def test_model_of_one_recording_is_confirmed_on_another(found: ff.Diagnosis) -> 
     assert str(confirmation).startswith("Confirmed ")
     assert len(str(confirmation).splitlines()) <= 3
     assert found.confirm(made(friction_n=4.0 * FRICTION_N)).verdict == "not_confirmed"
+
+
+def test_motion_is_asked_for_and_its_answer_judged() -> None:
+    asked = ff.investigate(recorded(stroke()), limits=LIMITS, seconds=10.0)
+    assert "\nRivals      coulomb_friction: " in str(asked)
+    answer = asked.judge(recorded(asked.motion.position_m, seed=2))
+    assert [cause.name for cause in answer.causes] == ["coulomb_friction"]
+    assert answer.confirmation is not None and answer.confirmation.verdict == "confirmed"
+    assert "\nConfirmed " in str(answer)
+    other = ff.investigate(ff.diagnose(recorded(stroke(), stiffness_n_m=80.0)), limits=LIMITS, seconds=10.0)
+    refused = other.judge(recorded(asked.motion.position_m, seed=2))
+    assert (refused.verdict, refused.causes) == ("unexplained", ())
+    assert "coulomb" not in str(refused.model)
+    assert refused.confirmation is not None and refused.confirmation.verdict == "not_confirmed"
 
 
 def test_plot_shows_measured_simulated_and_extended_force(found: ff.Diagnosis) -> None:

@@ -27,6 +27,11 @@ class ReversedMotor(Operator):
         return -super().render(-force_n, now_ns)
 
 
+class Played(ReversedMotor):
+    def read(self, now_ns: int) -> HandleReading:
+        return super().read(now_ns)._replace(recording_time_s=now_ns * 1e-9)
+
+
 def _strokes(kind: type[Operator], hand: str, wall_n_m: float) -> tuple[HandleWatch, HandleReading, float]:
     """The handle's watch, its last reading and force, after 12 s of strokes."""
     operator = kind(OperatorSettings.model_validate({"depth_m": 0.015} | HANDS[hand]), seed=2)
@@ -58,3 +63,9 @@ def test_a_reversed_motor_is_a_fault_that_stays(hand: str) -> None:
     watch, reading, applied_n = _strokes(ReversedMotor, hand, 3000.0)
     assert watch.fault is not None
     assert (reading.deadman, applied_n) == (False, 0.0)
+
+
+def test_a_motion_that_is_played_tells_nothing_of_the_motor() -> None:
+    watch, reading, _ = _strokes(Played, "relaxed", 3000.0)
+    assert watch.fault is None
+    assert reading.deadman

@@ -1,0 +1,74 @@
+"""Force that each rival of a diagnosis foretells along a motion that was not made yet."""
+
+from dataclasses import dataclass
+from itertools import chain
+
+import numpy as np
+
+from forefeel.common.causes.candidate import base_name
+from forefeel.common.error_size import Floats
+from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.diagnose import Diagnosed
+from forefeel.diagnosis.expected_gain import parameter_errors
+from forefeel.diagnosis.regression import ModelFit
+from forefeel.diagnosis.signals import Signals
+from forefeel.diagnosis.uncertainty import plain_columns, slopes_of
+
+_MOST_RIVALS = 5
+_INTERVAL = 0.025, 0.975
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Forecast:
+    """Force in N of a model of `causes` (none: mass, damper, spring alone) at the times t in s of a motion;
+    `low_n`, `high_n`: 95 % interval by the covariance of its parameters. All of shape (n,).
+    """
+
+    causes: tuple[str, ...]
+    t: Floats
+    force_n: Floats
+    low_n: Floats
+    high_n: Floats
+
+    @property
+    def most_n(self) -> float:
+        """Largest size of the force."""
+        return float(np.max(np.abs(self.force_n)))
+
+
+def forecasts(diagnosed: Diagnosed, motion: Recording) -> list[Forecast]:
+    """Forecasts of the rivals along a motion: the simulation alone, the model that the search has fitted,
+    each cause of the rival groups; in the band of the diagnosis. None where the motion is too short for it.
+    """
+    regression = diagnosed.analysis.regression
+    signals = Signals.of_motion(motion.time_s, motion.position_m, regression.signals.cutoff_hz)
+    if signals is None:
+        return []
+    made, rng = [], np.random.default_rng(0)
+    for causes, fit in rivals(diagnosed).items():
+        other = regression.like(signals, fit)
+        errors = parameter_errors(regression, fit, rng)
+        columns = np.hstack([plain_columns(other, fit), slopes_of(other, fit, white=False)])[signals.rows]
+        force_n = regression.sense * other.predicted(fit)[signals.rows]
+        off_n = np.quantile(regression.sense * errors @ columns.T, _INTERVAL, axis=0)
+        made.append(
+            Forecast(causes, signals.t[signals.rows], force_n, force_n + off_n[0], force_n + off_n[1])
+        )
+    return made
+
+
+def rivals(diagnosed: Diagnosed) -> dict[tuple[str, ...], ModelFit]:
+    """Fits of the rivals of a diagnosis, by the names of their causes; the simulation alone first."""
+    analysis, search = diagnosed.analysis, diagnosed.analysis.search
+    fits = {(): analysis.base, _causes_of(analysis.fit): analysis.fit}
+    for name in dict.fromkeys(chain.from_iterable(diagnosed.diagnosis.rivals)):
+        base = analysis.base
+        forms = [form for form in search.names if base_name(form) == name and form not in base.model]
+        fitted = [fit for form in forms if (fit := search.best_with(base, form)) is not None]
+        if fitted and len(fits) < _MOST_RIVALS:
+            fits.setdefault((name,), min(fitted, key=lambda fit: fit.score))
+    return fits
+
+
+def _causes_of(fit: ModelFit) -> tuple[str, ...]:
+    return tuple(sorted(base_name(name) for name in fit.model if name != "bias"))

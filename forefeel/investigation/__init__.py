@@ -1,0 +1,1 @@
+"""`forefeel investigate`: a question, the motion that answers it, and the answer."""

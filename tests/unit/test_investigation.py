@@ -1,0 +1,118 @@
+"""A motion that is asked for, cut at the force limit, and the verdict on its answer."""
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.recording.recording import Recording
+from forefeel.common.topics import FORCE
+from forefeel.diagnosis.excitation import ForceLimitMet, Limits, excitation, excited
+from forefeel.diagnosis.investigation import Judged, investigate, judge
+from forefeel.investigation.bench import ForceLimitWatch
+from tests.messages import usual
+from tests.network import S
+from tests.unit.asked_bench import LIMITS, recorded, stroke
+
+
+@pytest.mark.parametrize("inward", [True, False])
+def test_range_ends_before_the_force_limit_and_the_rest_is_played(inward: bool) -> None:
+    met_at = ForceLimitMet(5.1, 0.01, inward)
+    played: list[tuple[Recording, Limits]] = []
+
+    def play(motion: Recording, limits: Limits) -> ForceLimitMet | None:
+        played.append((motion, limits))
+        return met_at if len(played) == 1 else None
+
+    excited(LIMITS, 20.0, 100.0, play)
+    (first, whole), (second, less) = played
+    assert whole == LIMITS
+    assert (first.duration_s, second.duration_s) == pytest.approx((20.0, 15.0), abs=0.1)
+    assert (less.low_m, less.high_m) == pytest.approx((0.0, 0.0095) if inward else (0.0105, 0.02))
+    assert less.low_m <= second.position_m.min() < second.position_m.max() <= less.high_m
+
+
+@pytest.mark.parametrize("duration_s", [10.0, 30.0])
+def test_limit_that_is_always_met_ends_it_after_four_motions(duration_s: float) -> None:
+    spans_m = []
+
+    def play(motion: Recording, limits: Limits) -> ForceLimitMet:
+        spans_m.append(limits.span_m)
+        return ForceLimitMet(duration_s, limits.home_m, True)  # at the last sample
+
+    excited(LIMITS, duration_s, 100.0, play)
+    assert spans_m == pytest.approx([0.02 * (0.95 * 0.3) ** n for n in range(4)])
+
+
+def test_slowed_for_half_a_second_near_the_limit_or_beyond_it_is_met() -> None:
+    watch = ForceLimitWatch(1.0)
+
+    def taken(at_s: float, limited: bool, force_n: float = -0.9) -> ForceLimitMet | None:
+        stamps: dict[str, float] = {"stamp_ns": round(at_s * S), "recording_time_s": at_s}
+        watch.take(usual(FORCE, **stamps, force_limited=limited, force_n=force_n))
+        return watch.met
+
+    for at_s in (0.0, 0.6, 0.9):  # slower towards a contact, far from the limit
+        assert taken(at_s, True, -0.5) is None
+
+    for at_s, limited in ((1.0, True), (1.4, True), (1.45, False), (1.5, True), (2.0, True)):
+        assert taken(at_s, limited) is None
+    met = taken(2.01, True)
+    assert met is not None
+    assert (met.position_m, met.inward) == (0.0099, False)
+    assert met.time_s == pytest.approx(1.51)
+    assert taken(5.0, True) == met
+    watch = ForceLimitWatch(1.0)
+    met = taken(7.0, False, 1.01)
+    assert met is not None and met.inward and met.time_s == 7.0
+
+
+def asked_and_judged(friction_n: float, question: Recording) -> Judged:
+    asked = investigate(question, asdict(LIMITS), 10.0)
+    assert asked.diagnosed is not None and asked.diagnosed.diagnosis.causes == ()
+    answer = recorded(asked.motion.position_m, friction_n, seed=2)
+    return judge(asked, answer)
+
+
+def test_friction_that_one_speed_leaves_open_is_named_and_confirmed() -> None:
+    judged = asked_and_judged(0.08, recorded(stroke()))
+    assert [cause.name for cause in judged.diagnosed.diagnosis.causes] == ["coulomb_friction"]
+    assert judged.replay is not None and judged.replay.confirmation.verdict == "confirmed"
+    assert judged.refused is None and not judged.together
+
+
+def test_name_that_does_not_hold_on_the_question_is_refused() -> None:
+    judged = asked_and_judged(0.08, recorded(stroke(), stiffness_n_m=80.0))
+    diagnosis = judged.diagnosed.diagnosis
+    assert (diagnosis.verdict, diagnosis.causes) == ("unexplained", ())
+    assert diagnosis.suspected == ("coulomb_friction",)
+    assert judged.refused is not None and judged.refused.verdict == "cause_found"
+
+
+def test_nothing_hidden_names_nothing() -> None:
+    judged = asked_and_judged(0.0, recorded(stroke(), 0.0))
+    assert judged.diagnosed.diagnosis.verdict in {"nothing_found", "nothing_missing"}
+    assert judged.replay is None
+
+
+def test_answer_that_was_cut_and_names_nothing_is_judged_with_the_question() -> None:
+    """3 s of one speed; the question has friction in both directions."""
+    question = recorded(excitation(LIMITS, 10.0).position_m)
+    judged = judge(investigate(question, asdict(LIMITS), 10.0), recorded(0.3 * stroke()))
+    assert judged.together
+    assert [cause.name for cause in judged.diagnosed.diagnosis.causes] == ["coulomb_friction"]
+
+
+def test_flat_question_leaves_all_open_and_gets_a_motion() -> None:
+    question = recorded(stroke())
+    flat = replace(question, force_n=np.random.default_rng(3).normal(0.2, 4e-3, len(question)))
+    asked = investigate(flat, {"speed_m_s": 0.05, "acceleration_m_s2": 1.0}, 10.0)
+    assert (asked.diagnosed, asked.forecasts) == (None, ())
+    assert np.ptp(asked.motion.position_m) > 0.4 * np.ptp(question.position_m)
+
+
+@pytest.mark.parametrize("wrong", [{"high_m": 0.0}, {"speed_m_s": 0.0}, {"force_n": -1.0}])
+def test_limits_without_room_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ConfigurationError, match="expected a range"):
+        replace(LIMITS, **wrong)
