@@ -66,8 +66,9 @@ def solve(design: Floats, target: Floats) -> tuple[Floats, float]:
 
 def _scale(gram: Floats) -> Floats:
     """Sizes of the columns of a Gram matrix, 1 of one that is zero."""
-    sizes = np.sqrt(np.diag(gram))
-    return np.where(sizes == 0.0, 1.0, sizes)
+    sizes = np.sqrt(gram.diagonal())
+    sizes[sizes == 0.0] = 1.0
+    return sizes
 
 
 def solve_normal(gram: Floats, moment: Floats) -> tuple[Floats, float]:
@@ -75,9 +76,9 @@ def solve_normal(gram: Floats, moment: Floats) -> tuple[Floats, float]:
     if not len(moment):
         return np.empty(0), 0.0
     scale = _scale(gram)
-    factor, stopped = dpotrf(gram / np.outer(scale, scale), lower=1)
-    diagonal = np.diag(factor)[: stopped - 1] if stopped else np.diag(factor)
-    if stopped or diagonal.min(initial=1.0) < _DEPENDENT_NORMAL:
+    factor, stopped = dpotrf(gram / (scale[:, None] * scale), lower=1)
+    diagonal = factor.diagonal()[: stopped - 1] if stopped else factor.diagonal()
+    if stopped or min(diagonal.tolist()) < _DEPENDENT_NORMAL:
         free = np.ones(len(moment), dtype=np.bool_)
         weak = np.flatnonzero(diagonal < _DEPENDENT_NORMAL)
         free[weak[0] if len(weak) else stopped - 1] = False
@@ -224,7 +225,7 @@ class RecordingRegression:
 
     def whiten_by(self, noise: Noise) -> None:
         """Sets the noise by which residuals are whitened, and with it `coloured`, `rows` that count and the
-        whitened `target`; forgets all whitened columns and inner products.
+        whitened `target`; forgets all fits, whitened columns and inner products.
         """
         self.noise = noise
         self.coloured = len(noise.taps) > _WHITE
@@ -237,12 +238,19 @@ class RecordingRegression:
         self._power = float(self.target @ self.target)
         self._whitened.clear()
         self._products: dict[tuple[int, int], Floats] = {}
+        self._fits: dict[tuple[tuple[str, Shape], ...], ModelFit] = {}
 
     def fit(self, model: Model) -> ModelFit:
         """Least-squares fit, whitened, at the model's shapes: mass and damping have the force's sense or are
         0; stiffness, too, unless `look` sees that it pushes away. Causes of a wrong sign only make it not
-        `feasible`. Columns and inner products are remembered.
+        `feasible`. Fits, columns and inner products are remembered.
         """
+        key = tuple(model.items())
+        if key not in self._fits:
+            self._fits[key] = self._fitted(model)
+        return self._fits[key]
+
+    def _fitted(self, model: Model) -> ModelFit:
         blocks = self._blocks(model)
         named = zip(["", *model], blocks, strict=True)
         owners = tuple(name for name, block in named for _ in range(block.columns.shape[1]))

@@ -23,6 +23,7 @@ ANSWERS = {
     "pki show @/pki": None,
     "evaluate @/recordings/strokes.csv --out @/out": "evaluation.json",
     "diagnose @/recordings/strokes.csv --out @/out": "diagnosis.json",
+    "investigate @/recordings/strokes.csv --seconds 10 --out @/out": "question.json",
     "report @/run.mcap --out @/out": "report.json",
     "loopback --virtual-time --duration 3 --seed 1 --out @/out": "report.json",
 }

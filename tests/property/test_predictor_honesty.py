@@ -5,6 +5,7 @@ it stands where it is judged by the force that comes later; cold, with a model a
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import pytest
@@ -52,9 +53,10 @@ def everything(x: Array, f: Array, delay: int, known: str) -> Everything:
     return Everything(said, predictor._evaluator.record.values["members_n"][:COUNT].copy(), tuple(leading))
 
 
-ORIGINALS = {
-    (known, delay): everything(SAMPLE.x, SAMPLE.f, delay, known) for known in KNOWN for delay in DELAYS
-}
+@cache
+def original(known: str, delay: int) -> Everything:
+    """Of the sample as it is."""
+    return everything(SAMPLE.x, SAMPLE.f, delay, known)
 
 
 def same(one: Array, other: Array) -> NDArray[np.bool_]:
@@ -75,27 +77,27 @@ def test_what_was_not_known_changes_no_bit(known: str, delay: int, now: int, see
     n = np.arange(COUNT)
     f = np.where(n > now - delay, SAMPLE.f + noise[0], SAMPLE.f)
     x = np.where(n > now, SAMPLE.x + 1e-3 * noise[1], SAMPLE.x)
-    original, altered = ORIGINALS[known, delay], everything(x, f, delay, known)
+    before, altered = original(known, delay), everything(x, f, delay, known)
     upto = slice(0, now + 1)
-    assert same(original.said, altered.said)[upto].all()
-    assert same(original.experts, altered.experts)[upto].all()
-    assert original.leading[upto] == altered.leading[upto]
+    assert same(before.said, altered.said)[upto].all()
+    assert same(before.experts, altered.experts)[upto].all()
+    assert before.leading[upto] == altered.leading[upto]
 
 
 @pytest.mark.parametrize("known", KNOWN)
 def test_what_has_arrived_does_change_what_is_said(known: str) -> None:
-    original, delay, changed = ORIGINALS[known, 60], 60, 600
+    before, delay, changed = original(known, 60), 60, 600
     forces_n = np.where(np.arange(COUNT) >= changed, 2.0, 1.0) * SAMPLE.f
     altered = everything(SAMPLE.x, forces_n, delay, known)
-    differs = ~same(original.said, altered.said)
+    differs = ~same(before.said, altered.said)
     assert not differs[: changed + delay].any()
     assert differs[changed + delay :].mean() > 0.9
-    experts = (original.experts != altered.experts)[changed + delay + 200 :]
+    experts = (before.experts != altered.experts)[changed + delay + 200 :]
     assert (experts.mean(axis=0) > 0.9).all()
 
 
 def test_every_expert_speaks_and_several_lead() -> None:
-    spoken = np.isfinite(ORIGINALS["cold", 60].experts).any(axis=0)
+    spoken = np.isfinite(original("cold", 60).experts).any(axis=0)
     assert [NAMES[e] for e in np.flatnonzero(spoken)] == list(NAMES)
-    assert len(set(ORIGINALS["cold", 60].leading)) > 2
-    assert np.isfinite(ORIGINALS["prior", 60].experts[100, CONTACT:]).all()
+    assert len(set(original("cold", 60).leading)) > 2
+    assert np.isfinite(original("prior", 60).experts[100, CONTACT:]).all()

@@ -149,10 +149,14 @@ def flood_of_handshakes(name: str) -> Outcome:
     """Ten thousand a second; meanwhile a new master comes in the place of a dead one."""
     scene = Scene(name)
     ids = iter(range(10**6, 10**9))
+    other = {"settings_hash": "other", "settings": '{"cell": "x"}'}
+    first = msgpack.unpackb(scene.say(MASTER_HANDSHAKE, session_id=next(ids), **other))
 
     def shakes() -> None:
         for _ in range(10):
-            scene.say(MASTER_HANDSHAKE, session_id=next(ids), settings_hash="other", settings='{"cell": "x"}')
+            scene.put(
+                MASTER_HANDSHAKE, msgpack.packb({**first, "session_id": next(ids), "stamp_ns": scene.now_ns})
+            )
 
     scene.each_ms(0.5, shakes)
     kept = scene.state

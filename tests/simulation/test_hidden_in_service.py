@@ -25,7 +25,7 @@ from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.summary import summarise
 
-DURATION_S = 8.0
+DURATION_S = 6.0
 WALL = {"mass_damper_spring": {"mass_kg": 0.02, "damping_n_s_m": 0.6, "stiffness_n_m": 12.0}}
 OF_THE_LOAD_CELL = "bias"
 """The simulated load cell has an offset of 10 mN; to name it is right."""

@@ -77,7 +77,7 @@ def test_a_warning_is_an_event_and_in_the_state_and_stops_nothing() -> None:
     pair = Pair()
     axis = pair.slave.axes[0]
     vars(axis)["_instrument"] = InstrumentWatch(InstrumentSettings(holding_n=0.1))
-    pair.run(6.0)
+    pair.run(4.0)
     rules = [event.rule for event in pair.traffic.messages(LIMIT_EVENT)]
     states = list(pair.traffic.messages(SLAVE_STATE))
     assert LOOSENS in rules

@@ -73,8 +73,7 @@ def test_a_wall_that_gave_way_is_felt_no_longer_than_a_tenth_of_a_second(
 
 def test_a_prior_of_a_wall_that_gave_way_is_forgotten_too(tmp_path: Path) -> None:
     row = Row("gone", 1000.0, DELAY_S, again=True)
-    first = Wall(row, 5, tmp_path).pair
-    first.run(4.0)  # of contact there is enough for a prior
+    first = Wall(row, 5, tmp_path, until_s=10.0).pair  # of contact there is enough for a prior
     first.master.shut_down()
     first.run(1.0)
     first.master.close(first.runtime.clock.now_ns())

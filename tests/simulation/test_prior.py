@@ -27,7 +27,7 @@ def test_second_run_starts_from_the_first_and_predicts_from_the_first_stroke_on(
     stored = load_prior(tmp_path / "priors" / "catheter" / "B.json")
     assert stored is not None
     assert stored.contact_s > 5.0
-    taught = run(tmp_path, 2)
+    taught = run(tmp_path, 2, duration_s=4.0)
     assert taught.model.prior == f"catheter, patient B: {stored.amount}"
     assert ratio(taught) < 0.25 < 0.6 * ratio(cold)
     for accept_prior, begins in ((False, "none; to start from"), (True, "catheter, of another patient, B")):

@@ -24,7 +24,7 @@ def in_contact() -> Pair:
     plan.master["axes"][0]["handle"] |= {"depth_m": 0.015}
     pair = Pair(plan.slave, plan.master)
     pair.to_slave.delay_s = pair.to_master.delay_s = 0.15
-    pair.run(4.0)
+    pair.run(3.0)
     while pair.traffic.messages(FORCE)[-1].force_n < 0.9:
         pair.run(0.02)
     pair.run(0.15)

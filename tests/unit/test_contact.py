@@ -1,6 +1,7 @@
 """The contact model that is learned online: parameters, priors, order, a change in the loop."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -19,7 +20,9 @@ def contact_of(of: Session) -> Contact:
     return contact
 
 
-KNOWN = contact_of(FIRST)
+@cache
+def known() -> Contact:
+    return contact_of(FIRST)
 
 
 def rms(error: np.ndarray) -> float:
@@ -27,18 +30,18 @@ def rms(error: np.ndarray) -> float:
 
 
 def test_fit_finds_parameters() -> None:
-    found = dict(zip(KNOWN.names, KNOWN.values, strict=True))
+    found = dict(zip(known().names, known().values, strict=True))
 
     assert {name: found[name] for name in TRUE} == pytest.approx(TRUE, rel=0.15)
     assert found[CONTACT] == pytest.approx(TRUE[CONTACT], abs=1e-4)
-    assert KNOWN.noise_n == pytest.approx(0.002, rel=0.2)
-    assert KNOWN.contact_s == pytest.approx(np.count_nonzero(FIRST.x > 0.008) * 0.004, abs=2.0)
+    assert known().noise_n == pytest.approx(0.002, rel=0.2)
+    assert known().contact_s == pytest.approx(np.count_nonzero(FIRST.x > 0.008) * 0.004, abs=2.0)
 
 
 def test_standard_deviations_cover_true_values() -> None:
-    found = {
-        n: (v, sd) for n, v, sd in zip(KNOWN.names, KNOWN.values, KNOWN.standard_deviations, strict=True)
-    }
+    fitted = known()
+    columns = zip(fitted.names, fitted.values, fitted.standard_deviations, strict=True)
+    found = {name: (value, deviation) for name, value, deviation in columns}
 
     off = [abs(found[name][0] - value) / found[name][1] for name, value in TRUE.items()]
     assert max(off) < 5.0
@@ -49,8 +52,8 @@ def test_fit_finds_stiffening_only_where_it_is() -> None:
     stiffening: dict[str, object] = {"effect": "stiffening", "parameters": {"quadratic_n_m2": 300.0}}
     curved = contact_of(session(14.0, more=(stiffening,)))
 
-    assert not KNOWN.occasional
-    assert dict(zip(KNOWN.names, KNOWN.values, strict=True))["stiffening.quadratic_n_m2"] == 0.0
+    assert not known().occasional
+    assert dict(zip(known().names, known().values, strict=True))["stiffening.quadratic_n_m2"] == 0.0
     assert curved.occasional
     assert curved.noise_n == pytest.approx(0.002, rel=0.3)
 
@@ -72,13 +75,13 @@ def test_causes_accept_the_typical_shape_of_any_motion(size: float) -> None:
 def test_fit_at_rest_says_what_it_lacks() -> None:
     still = replace(FIRST, x=1e-5 * np.sin(FIRST.t), v=0.0 * FIRST.t, a=0.0 * FIRST.t)
 
-    assert KNOWN.identifiable == ()
+    assert known().identifiable == ()
     assert any("mass_damper_spring" in text for text in contact_of(still).identifiable)
 
 
 def test_prior_predicts_from_first_tick() -> None:
     force_n, early = SECOND.force_n, SECOND.t < 3.0
-    warm, cold = predicted(SECOND, widened(KNOWN.prior(), 1.0)), predicted(SECOND)
+    warm, cold = predicted(SECOND, widened(known().prior(), 1.0)), predicted(SECOND)
 
     assert np.isfinite(warm).all()
     assert rms((warm - force_n)[early]) < 0.2 * rms((np.nan_to_num(cold) - force_n)[early])
@@ -86,13 +89,13 @@ def test_prior_predicts_from_first_tick() -> None:
 
 
 def test_prior_of_another_contact_is_given_up() -> None:
-    known = KNOWN.prior()
+    trusted = known().prior()
     values = {
         name: value if "hz" in name else 0.1 * value
-        for name, value in zip(known.names, known.values, strict=True)
+        for name, value in zip(trusted.names, trusted.values, strict=True)
     }
-    rows = tuple(tuple(0.01 * value for value in row) for row in known.covariance)
-    other = widened(replace(known, values=tuple(values.values()), covariance=rows), 1.0)
+    rows = tuple(tuple(0.01 * value for value in row) for row in trusted.covariance)
+    other = widened(replace(trusted, values=tuple(values.values()), covariance=rows), 1.0)
     left_n = (predicted(SECOND, other) - SECOND.force_n)[SECOND.t > 8.0]
 
     assert rms(left_n) < 0.01
@@ -125,10 +128,10 @@ def test_late_and_doubled_samples_are_left_out() -> None:
 
 def test_use_keeps_memory_of_friction_and_relaxation() -> None:
     expert, rows = ContactExpert(), list(samples(FIRST))
-    expert.use(KNOWN)
+    expert.use(known())
     before = [expert.move(t, x, v, a, 0.004) for t, x, v, a, _ in rows][-1]
     expert.use(contact_of(session(4.0, seed=3)))
-    expert.use(KNOWN)
+    expert.use(known())
     t, x, v, a, _ = rows[-1]
 
     assert expert.move(t, x, v, a, 0.0) == pytest.approx(before, rel=1e-9)
