@@ -10,7 +10,7 @@
 All quantities are SI; a rotation has rad for m and N m for N.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from functools import partial
 from html import escape
@@ -29,8 +29,9 @@ from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Evaluated, prepare
 from forefeel.diagnosis.evaluation.evaluate import evaluate as _evaluate
 from forefeel.diagnosis.verdict import Cause, VerdictName
+from forefeel.diagnosis.verdict import Diagnosis as Verdict
 from forefeel.results.parallel import in_parallel
-from forefeel.results.verdict_text import headline
+from forefeel.results.verdict_text import headline, labelled
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -109,15 +110,12 @@ class Diagnosis:
             RecordingError: that can not be diagnosed, or its units are not plausible (`as_is` asks nothing).
         """
         from forefeel.diagnosis.confirmation import confirm  # noqa: PLC0415 - as in `diagnose`
-        from forefeel.results.confirmation_text import confirmation_lines  # noqa: PLC0415
         from forefeel.results.task import require_usable  # noqa: PLC0415
 
         other = _recording(recording, force=True)
         with units_of(other.columns), threadpool_limits(1):
             require_usable(other, as_is)
-            replay = confirm(self.details, other)
-            lines = confirmation_lines(replay.confirmation, self.details.diagnosis)
-        return Confirmation(_lines(lines), replay)
+            return _confirmation(confirm(self.details, other), self.details.diagnosis)
 
     def __str__(self) -> str:
         """The first line of each part of the answer, without what plain regressions saw before the search."""
@@ -203,6 +201,12 @@ class Confirmation:
     __repr__ = __str__
 
 
+def _confirmation(replay: "Replay", named: Verdict) -> Confirmation:
+    from forefeel.results.confirmation_text import confirmation_lines  # noqa: PLC0415 - as in `diagnose`
+
+    return Confirmation(labelled(confirmation_lines(replay.confirmation, named)), replay)
+
+
 def diagnose(
     recording: Any,  # noqa: ANN401 - see `load`
     *beside: Any,  # noqa: ANN401
@@ -281,20 +285,16 @@ class Investigation:
             RecordingError: it can not be diagnosed, or its units are not plausible (`as_is` asks nothing).
         """
         from forefeel.diagnosis.investigation import judge  # noqa: PLC0415 - as in `diagnose`
-        from forefeel.results.confirmation_text import confirmation_lines  # noqa: PLC0415
-        from forefeel.results.investigation import answer_lines, answer_model  # noqa: PLC0415
-        from forefeel.results.task import require_usable  # noqa: PLC0415
+        from forefeel.results.investigation import answer_lines  # noqa: PLC0415
+        from forefeel.results.task import model_of, require_usable  # noqa: PLC0415
 
         recording = _recording(answer, force=True)
         with units_of(recording.columns), threadpool_limits(1):
             require_usable(recording, as_is)
             judged = judge(self.details, recording)
-            confirmed = None
-            if (replay := judged.replay) is not None:
-                named = judged.refused or judged.diagnosed.diagnosis
-                confirmed = Confirmation(_lines(confirmation_lines(replay.confirmation, named)), replay)
-        model = Model(answer_model(judged), judged.diagnosed.analysis.regression.sense)
-        details = judged.diagnosed
+            replay, details = judged.replay, judged.diagnosed
+            confirmed = None if replay is None else _confirmation(replay, judged.named)
+        model = Model(model_of(details), details.analysis.regression.sense)
         return Diagnosis(details.recording, model, tuple(answer_lines(judged)), details, confirmed)
 
     def __str__(self) -> str:
@@ -327,10 +327,6 @@ def investigate(
     with threadpool_limits(1):
         asked = ask(question, {} if limits is None else asdict(limits), seconds)
     return Investigation(asked.motion, tuple(question_lines(asked)), asked)
-
-
-def _lines(labelled: Iterable[tuple[str, str]]) -> tuple[str, ...]:
-    return tuple(f"{label:<11} {text}" for label, text in labelled)
 
 
 def _attempt(model: Path | None, as_is: bool, file: Path) -> tuple[Path, Diagnosis | InputError]:

@@ -1,6 +1,6 @@
 """A recording: one axis of motion over time, with or without the measured force, as it was sampled."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -147,6 +147,31 @@ class Recording:
         after = np.flatnonzero(np.diff(self.time_s) > gap_s + _ROUNDING_S) + 1
         edges = [0, *after.tolist(), len(self)]
         return [slice(start, stop) for start, stop in pairwise(edges)]
+
+
+def joined(recordings: Sequence[Recording], apart_s: float) -> Recording:
+    """Recordings in turn, stamps from 0, `apart_s` between two; of further columns those that all have."""
+    first, *more = recordings
+    stamps, now_s = [], 0.0
+    for recording in recordings:
+        stamps.append(recording.time_s - recording.time_s[0] + now_s)
+        now_s = float(stamps[-1][-1]) + apart_s
+    shared = [c for c in first.further if all(c.name in {d.name for d in r.further} for r in more)]
+    return Recording(
+        ", ".join(r.name for r in recordings),
+        np.concatenate(stamps),
+        np.concatenate([r.position_m for r in recordings]),
+        np.concatenate([r.force_n for r in recordings if r.force_n is not None]),
+        ", ".join(r.source for r in recordings),
+        first.columns,
+        further=tuple(
+            replace(
+                c,
+                values=np.concatenate([d.values for r in recordings for d in r.further if d.name == c.name]),
+            )
+            for c in shared
+        ),
+    )
 
 
 def check_samples(columns: Mapping[str, Array], source: str, where: Callable[[int], str]) -> None:

@@ -242,8 +242,7 @@ def _homed(
         device.driver.make_homing(device.settings, clock or MonotonicClock()) as stage,
     ):
         _identify(device, stage.link, binds)
-        if ask_person(intent, ". Type yes to go on", yes) not in ("yes", "y"):
-            raise RunError("not confirmed; nothing moved, nothing written")
+        require_consent(intent, yes)
         HOST.prepare_thread(_PRIORITY)  # a drive that watches our heartbeat stops when we are kept waiting
         say("homing")
         stage.home()
@@ -266,6 +265,12 @@ def _no_slave_beside(config: Path) -> Iterator[None]:
                 "first: start the slave, then `forefeel clear`"
             )
         yield
+
+
+def require_consent(intent: str, yes: bool) -> None:
+    """Asks a person whether a stage may move, unless `yes`. RunError: not confirmed, or stdin ended."""
+    if ask_person(intent, ". Type yes to go on", yes) not in ("yes", "y"):
+        raise RunError("not confirmed; nothing moved, nothing written")
 
 
 def ask_person(text: str, request: str, yes: bool) -> str:

@@ -62,7 +62,7 @@ def investigate(  # noqa: PLR0913, PLR0917 - one parameter per option
     quiet: Quiet = False,
 ) -> None:
     from forefeel.common.recording.units import Mapping  # noqa: PLC0415 - the help needs none of it
-    from forefeel.investigation.run import Ask, run_investigation, run_on_bench  # noqa: PLC0415
+    from forefeel.investigation.run import InvestigationOptions, run_investigation, run_on_bench  # noqa: PLC0415
     from forefeel.results.task import usable_recording  # noqa: PLC0415
 
     limits = {"speed_m_s": max_speed, "acceleration_m_s2": max_acceleration, "force_n": max_force}
@@ -70,19 +70,19 @@ def investigate(  # noqa: PLR0913, PLR0917 - one parameter per option
     given = {key: value for key, value in limits.items() if value is not None}
     columns = Mapping(time_column, position_column, force_column, row_rate)
     read = partial(usable_recording, columns=columns, axis=axis, as_is=as_is)
-    ask = Ask(read, seconds, given, overwrite, yes)
+    options = InvestigationOptions(read, seconds, given, overwrite, yes)
     with output(as_json, quiet):
         if config is None:
             if not files or virtual_time:
                 raise ConfigurationError("expected a recording, or --config FILE")
-            run_investigation(files, out, ask)
+            run_investigation(files, out, options)
             return
         question, more = (files[0], files[1:]) if files else (None, [])
         if more:
             raise ConfigurationError(f"{more[0]}: expected no answer, the bench of --config makes it")
         from forefeel.investigation.bench import bench_of  # noqa: PLC0415
 
-        run_on_bench(bench_of(config, virtual_time, axis, insecure), question, out or Path("asked"), ask)
+        run_on_bench(bench_of(config, virtual_time, axis, insecure), question, out or Path("asked"), options)
 
 
 def _range_m(text: str | None) -> tuple[float, ...]:

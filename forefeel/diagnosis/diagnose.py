@@ -10,7 +10,7 @@ from forefeel.common.causes.catalogue import CANDIDATES, cause_class, refresh
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
-from forefeel.common.recording.recording import Recording
+from forefeel.common.recording.recording import Recording, joined
 from forefeel.diagnosis.analysis import Analysis, Progress, analyse
 from forefeel.diagnosis.expected_gain import with_expectation
 from forefeel.diagnosis.judge import judged
@@ -169,30 +169,11 @@ def _joined(recordings: Sequence[Recording]) -> tuple[Recording, tuple[float, ..
     first, *more = recordings
     if not more:
         return first, ()
-    stamps, parts_s, now_s = [], [], 0.0
-    shared = [c for c in first.further if all(c.name in {d.name for d in r.further} for r in more)]
-    for recording in recordings:
+    for recording in more:
         if not 1.0 / _ALIKE < recording.rate_hz / first.rate_hz < _ALIKE:
             raise RecordingError(
                 f"{recording.source}: {recording.rate_hz:.4g} Hz beside {first.rate_hz:.4g} Hz of "
                 f"{first.source}; expected recordings of one rate"
             )
-        stamps.append(recording.time_s - recording.time_s[0] + now_s)
-        parts_s.append(now_s - 0.5 * _APART_S)
-        now_s = float(stamps[-1][-1]) + _APART_S
-    whole = Recording(
-        ", ".join(r.name for r in recordings),
-        np.concatenate(stamps),
-        np.concatenate([r.position_m for r in recordings]),
-        np.concatenate([r.force_n for r in recordings if r.force_n is not None]),
-        ", ".join(r.source for r in recordings),
-        first.columns,
-        further=tuple(
-            replace(
-                c,
-                values=np.concatenate([d.values for r in recordings for d in r.further if d.name == c.name]),
-            )
-            for c in shared
-        ),
-    )
-    return whole, tuple(parts_s[1:])
+    whole, starts = joined(recordings, _APART_S), np.cumsum([len(recording) for recording in recordings[:-1]])
+    return whole, tuple((whole.time_s[starts] - 0.5 * _APART_S).tolist())

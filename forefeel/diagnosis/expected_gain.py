@@ -27,7 +27,7 @@ from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.residual import predictable_share
 from forefeel.diagnosis.signals import Signals
-from forefeel.diagnosis.uncertainty import covariance_of, plain_columns, slopes_of
+from forefeel.diagnosis.uncertainty import covariance_of, plain_jacobian
 from forefeel.diagnosis.verdict import Diagnosis, ExpectedGain
 
 _LONGEST_S = 30.0  # s of the recorded motion that others are made of
@@ -105,7 +105,7 @@ def powers(
     other: RecordingRegression, base: ModelFit, fit: ModelFit, errors: Floats
 ) -> tuple[Floats, Floats, float]:
     """(|J d|^2, |J d + c|^2) of each draw, and |c|^2, in N^2, less what is sized anew there."""
-    j = np.hstack([plain_columns(other, fit), slopes_of(other, fit, white=False)])
+    j = plain_jacobian(other, fit)
     c = other.predicted(fit) - other.predicted(base)
     j, c = np.hsplit(less_own(other, fit, np.column_stack([j, c])), [-1])
     gram, mixed, there_n2 = j.T @ j / len(j), j.T @ c[:, 0] / len(j), float(np.mean(c**2))

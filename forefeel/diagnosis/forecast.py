@@ -12,7 +12,7 @@ from forefeel.diagnosis.diagnose import Diagnosed
 from forefeel.diagnosis.expected_gain import parameter_errors
 from forefeel.diagnosis.regression import ModelFit
 from forefeel.diagnosis.signals import Signals
-from forefeel.diagnosis.uncertainty import plain_columns, slopes_of
+from forefeel.diagnosis.uncertainty import plain_jacobian
 
 _MOST_RIVALS = 5
 _INTERVAL = 0.025, 0.975
@@ -36,33 +36,36 @@ class Forecast:
         return float(np.max(np.abs(self.force_n)))
 
 
-def forecasts(diagnosed: Diagnosed, motion: Recording) -> list[Forecast]:
-    """Forecasts of the rivals along a motion: the simulation alone, the model that the search has fitted,
-    each cause of the rival groups; in the band of the diagnosis. None where the motion is too short for it.
+class Rivals:
+    """Models that a diagnosis leaves, with draws of the errors of their parameters: the simulation alone,
+    what the search has fitted, each cause of the rival groups.
     """
-    regression = diagnosed.analysis.regression
-    signals = Signals.of_motion(motion.time_s, motion.position_m, regression.signals.cutoff_hz)
-    if signals is None:
-        return []
-    made, rng = [], np.random.default_rng(0)
-    for causes, fit in rivals(diagnosed).items():
-        other = regression.like(signals, fit)
-        errors = parameter_errors(regression, fit, rng)
-        columns = np.hstack([plain_columns(other, fit), slopes_of(other, fit, white=False)])[signals.rows]
-        force_n = regression.sense * other.predicted(fit)[signals.rows]
-        off_n = np.quantile(regression.sense * errors @ columns.T, _INTERVAL, axis=0)
-        made.append(
-            Forecast(causes, signals.t[signals.rows], force_n, force_n + off_n[0], force_n + off_n[1])
-        )
-    return made
+
+    def __init__(self, diagnosed: Diagnosed) -> None:
+        self._regression, rng = diagnosed.analysis.regression, np.random.default_rng(0)
+        self._fits = _fits(diagnosed)
+        self._errors = [parameter_errors(self._regression, fit, rng) for fit in self._fits.values()]
+
+    def along(self, motion: Recording) -> list[Forecast]:
+        """Forecasts along a motion, in the band of the diagnosis; none where it is too short for that."""
+        regression = self._regression
+        signals = Signals.of_motion(motion.time_s, motion.position_m, regression.signals.cutoff_hz)
+        if signals is None:
+            return []
+        made, rows, sense = [], signals.rows, regression.sense
+        for (causes, fit), errors in zip(self._fits.items(), self._errors, strict=True):
+            other = regression.like(signals, fit)
+            force_n = sense * other.predicted(fit)[rows]
+            off_n = np.quantile(sense * errors @ plain_jacobian(other, fit)[rows].T, _INTERVAL, axis=0)
+            made.append(Forecast(causes, signals.t[rows], force_n, *(force_n + off_n)))
+        return made
 
 
-def rivals(diagnosed: Diagnosed) -> dict[tuple[str, ...], ModelFit]:
-    """Fits of the rivals of a diagnosis, by the names of their causes; the simulation alone first."""
+def _fits(diagnosed: Diagnosed) -> dict[tuple[str, ...], ModelFit]:
+    """Fits of the rivals, by the names of their causes; the simulation alone first."""
     analysis, search = diagnosed.analysis, diagnosed.analysis.search
-    fits = {(): analysis.base, _causes_of(analysis.fit): analysis.fit}
+    base, fits = analysis.base, {(): analysis.base, _causes_of(analysis.fit): analysis.fit}
     for name in dict.fromkeys(chain.from_iterable(diagnosed.diagnosis.rivals)):
-        base = analysis.base
         forms = [form for form in search.names if base_name(form) == name and form not in base.model]
         fitted = [fit for form in forms if (fit := search.best_with(base, form)) is not None]
         if fitted and len(fits) < _MOST_RIVALS:

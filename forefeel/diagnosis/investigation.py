@@ -18,7 +18,7 @@ from forefeel.diagnosis.analysis import Progress, conditioned
 from forefeel.diagnosis.confirmation import Replay, confirm
 from forefeel.diagnosis.diagnose import Diagnosed, check, diagnose
 from forefeel.diagnosis.excitation import SECONDS, Limits, excitation
-from forefeel.diagnosis.forecast import Forecast, forecasts
+from forefeel.diagnosis.forecast import Forecast, Rivals
 from forefeel.diagnosis.sensor_faults import clean
 from forefeel.diagnosis.verdict import Diagnosis
 
@@ -71,10 +71,11 @@ def investigate(
     if limits:  # in another range the force is another
         bounds = replace(bounds, **{"force_n": inf, **limits})
     middle_m = float(np.clip(np.median(question.position_m), bounds.low_m, bounds.high_m))
+    rivals = Rivals(diagnosed) if diagnosed else None
     for share in _SHARES:
         within = bounds.shrunk(share, middle_m)
         motion = excitation(within, duration_s, question.rate_hz)
-        foretold = forecasts(diagnosed, motion) if diagnosed else []
+        foretold = rivals.along(motion) if rivals else []
         if not foretold or min(forecast.most_n for forecast in foretold) <= bounds.force_n:
             break
     return Investigation(question, diagnosed, within, motion, tuple(foretold), share < 1.0)
@@ -104,6 +105,11 @@ class Judged:
     replay: Replay | None
     together: bool = False
 
+    @property
+    def named(self) -> Diagnosis:
+        """The diagnosis that `replay` was made of."""
+        return self.refused or self.diagnosed.diagnosis
+
 
 def judge(asked: Investigation, answer: Recording, progress: Progress = lambda stage: None) -> Judged:
     """Diagnoses an answer, and confirms its model on the question; asks for no motion a second time.
@@ -113,7 +119,9 @@ def judge(asked: Investigation, answer: Recording, progress: Progress = lambda s
     """
     alone = _unasked(diagnose(answer, progress))
     if not alone.diagnosis.names_causes:
-        both = _together(asked.question, answer, progress) if _was_cut(asked, answer) else None
+        # by the force limit: it left less of the range than the bench has, or the motion
+        cut = asked.reduced or np.ptp(answer.position_m) < _CUT * np.ptp(asked.motion.position_m)
+        both = _together(asked.question, answer, progress) if cut else None
         return Judged(alone if both is None else both, None, None, together=both is not None)
     progress("confirmation")
     replay = confirm(alone, asked.question)
@@ -131,11 +139,6 @@ def _unasked(diagnosed: Diagnosed) -> Diagnosed:
     if motion is None or motion.words is not None:
         return diagnosed
     return replace(diagnosed, diagnosis=replace(diagnosed.diagnosis, next_motion=None))
-
-
-def _was_cut(asked: Investigation, answer: Recording) -> bool:
-    """True where the force limit left less of the range than the motion, or the bench, has."""
-    return asked.reduced or bool(np.ptp(answer.position_m) < _CUT * np.ptp(asked.motion.position_m))
 
 
 def _together(question: Recording, answer: Recording, progress: Progress) -> Diagnosed | None:

@@ -53,6 +53,11 @@ def plain_columns(regression: RecordingRegression, fit: ModelFit) -> Floats:
     return np.hstack([regression.block(model, name, shape) for name, shape in [("", ()), *model.items()]])
 
 
+def plain_jacobian(regression: RecordingRegression, fit: ModelFit) -> Floats:
+    """Derivatives of the prediction by coefficients, then shapes, in N on the coarse grid, not whitened."""
+    return np.hstack([plain_columns(regression, fit), slopes_of(regression, fit, white=False)])
+
+
 def held_out(
     regression: RecordingRegression, white: Floats, plain: Floats, ridge: Floats | float = 1e-10
 ) -> Floats:

@@ -9,21 +9,19 @@ from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from select import select
-from typing import TypeVar
+from typing import Any, TypeVar
 
-import yaml
-
-from forefeel.calibrate.procedure import ask_person
+from forefeel.calibrate.procedure import require_consent
 from forefeel.child_process import ChildProcess
-from forefeel.common.config import dump_yaml
 from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.common.events.text import quantity
 from forefeel.common.messages import ForceSample, SafetyState, SlaveState
 from forefeel.common.recording.recording import Recording
-from forefeel.common.settings import AxisSettings
+from forefeel.common.settings import AxisSettings, DaemonSettings
 from forefeel.common.topics import FORCE, SLAVE_STATE
 from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.yaml_file import dump_mapping
 from forefeel.daemon_settings import load_daemon
 from forefeel.diagnosis.excitation import ForceLimitMet, Limits, excitation
 from forefeel.files import write_whole
@@ -89,9 +87,7 @@ class SimulatedBench:
         return self._run(_playing(motion, out, self.limits), None, out)
 
     def _run(self, handle: dict[str, object], duration_s: float | None, out: Path) -> ForceLimitMet | None:
-        slave = yaml.safe_load(dump_yaml(self._settings))
-        slave["axes"] = [axis for axis in slave["axes"] if axis["name"] == self._axis.name]
-        (axis,) = slave["axes"]
+        slave, axis = _of_axis(self._settings, self._axis.name)
         master = {"name": axis["name"], "limits": axis["limits"], "handle": handle}
         plan = Plan(
             slave={**slave, "transport": {}},
@@ -138,9 +134,7 @@ class LiveBench:
         bounds = (
             f"{quantity(of.low_m, 'm')} to {quantity(of.high_m, 'm')}, up to {quantity(of.speed_m_s, 'm/s')}"
         )
-        request = ". Any key ends it. Type yes to go on"
-        if ask_person(f"The stage will move within {bounds}", request, yes) not in ("yes", "y"):
-            raise RunError("not confirmed; nothing moved, nothing written")
+        require_consent(f"The stage will move within {bounds}. Any key ends it", yes)
 
     def record_question(self, out: Path, duration_s: float) -> None:
         """Records the motion mirrored, so that of two motions each holds for the other."""
@@ -153,10 +147,9 @@ class LiveBench:
         pressed, the slave stopped, or the master failed; `out` holds what was made until then.
         """
         config, cell = out.with_suffix(".yaml"), self._settings.cell
-        master = yaml.safe_load(dump_yaml(self._settings))
-        (axis,) = master["axes"] = [axis for axis in master["axes"] if axis["name"] == self._axis.name]
+        master, axis = _of_axis(self._settings, self._axis.name)
         axis["handle"] = _playing(motion, out, self.limits)
-        config.write_text(yaml.safe_dump(master), encoding="utf-8")
+        config.write_text(dump_mapping(master), encoding="utf-8")
         words = ("master", "--config", str(config), *(["--insecure"] if self._insecure else []))
         of, party, ended = self._settings.transport, Party("recorder", (cell,)), ""
         watch, until_s = ForceLimitWatch(self.limits.force_n), time.monotonic() + motion.duration_s + _GRACE_S
@@ -201,6 +194,13 @@ def _chosen(axes: Sequence[_A], name: str | None) -> _A:
         expected = ", ".join(axis.name for axis in axes)
         raise ConfigurationError(f"--axis {name}: expected one of {expected}")
     return named[0]
+
+
+def _of_axis(settings: DaemonSettings, name: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Settings of a daemon of that axis alone, as plain data, and those of the axis in them."""
+    data = settings.model_dump(mode="json")
+    data["axes"] = [axis for axis in data["axes"] if axis["name"] == name]
+    return data, data["axes"][0]
 
 
 @contextmanager

@@ -5,12 +5,11 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.events.text import quantity
-from forefeel.common.recording.recording import Recording
+from forefeel.common.recording.recording import Recording, joined
 from forefeel.diagnosis.excitation import ForceLimitMet, Limits, excited
 from forefeel.diagnosis.investigation import Investigation, investigate, judge
 from forefeel.files import fresh_folder, write_all
@@ -36,7 +35,7 @@ _APART_S = 2.0  # between two parts of an answer: nothing goes on across it
 
 
 @dataclass(frozen=True, slots=True)
-class Ask:
+class InvestigationOptions:
     """Options of an investigation: duration in s and `limits` of its motion, see `investigate`. `read` raises
     InputError for a recording that can not be used.
     """
@@ -48,7 +47,7 @@ class Ask:
     yes: bool = False
 
 
-def run_investigation(files: Sequence[Path], out: Path | None, ask: Ask) -> None:
+def run_investigation(files: Sequence[Path], out: Path | None, options: InvestigationOptions) -> None:
     """Asks for the motion to record next, or judges the answer that came back; prints it, and writes it into
     `out`, by default a folder named after the first recording. `files`: the question, and its answer.
 
@@ -61,22 +60,24 @@ def run_investigation(files: Sequence[Path], out: Path | None, ask: Ask) -> None
     question, *answers = files
     out = out or Path(f"{question.stem}-asked")
     with ends_in_order("investigation", out) as written, threadpool_limits(1):
-        fresh_folder(out, ANSWER_FILES if answers else QUESTION_FILES, _EARLIER, ask.overwrite)
-        recordings = [ask.read(file) for file in files]
-        asked = investigate(recordings[0], ask.limits, ask.duration_s, stages(question.stem))
+        fresh_folder(out, ANSWER_FILES if answers else QUESTION_FILES, _EARLIER, options.overwrite)
+        recordings = [options.read(file) for file in files]
+        asked = investigate(recordings[0], options.limits, options.duration_s, stages(question.stem))
         if answers:
             _judge(asked, recordings[1], out, written)
             return
         texts = question_texts(asked)
         write_all(out, texts, written)
         answer(*question_lines(asked), f"{', '.join(texts)} in {out}", document=lambda: texts[QUESTION])
-    if not ask.limits:
+    if not options.limits:
         wider = "--workspace, --max-speed, --max-acceleration, --max-force"
         say(f"within what {question.name} has reached; the limits of the bench tell more: {wider}")
     suggest("investigate", question, "answer.csv", head="with the answer", out=out)
 
 
-def run_on_bench(bench: "SimulatedBench | LiveBench", question: Path | None, out: Path, ask: Ask) -> None:
+def run_on_bench(
+    bench: "SimulatedBench | LiveBench", question: Path | None, out: Path, options: InvestigationOptions
+) -> None:
     """Records the question where there is none, plays the motion, and judges what came back; a live bench is
     asked for before it moves.
 
@@ -84,15 +85,17 @@ def run_on_bench(bench: "SimulatedBench | LiveBench", question: Path | None, out
         InputError: limits beyond those of the settings, or a recording that can not be used.
         RunError: not confirmed, stopped, or interrupted; recordings stay, and there is no verdict.
     """
-    bench.limits = _within(bench.limits, ask.limits)
+    bench.limits = _within(bench.limits, options.limits)
     with ends_in_order("investigation", out) as written, threadpool_limits(1):
-        fresh_folder(out, (*QUESTION_FILES, *ANSWER_FILES), _EARLIER, ask.overwrite)
-        bench.ask(ask.yes)
+        fresh_folder(out, (*QUESTION_FILES, *ANSWER_FILES), _EARLIER, options.overwrite)
+        bench.ask(options.yes)
         if question is None:
             question = out / "question.mcap"
-            bench.record_question(question, ask.duration_s)
+            bench.record_question(question, options.duration_s)
             written.append(question.name)
-        asked = investigate(ask.read(question), asdict(bench.limits), ask.duration_s, stages(question.stem))
+        asked = investigate(
+            options.read(question), asdict(bench.limits), options.duration_s, stages(question.stem)
+        )
         parts: list[Recording] = []
 
         def play(motion: Recording, _limits: Limits) -> ForceLimitMet | None:
@@ -100,15 +103,16 @@ def run_on_bench(bench: "SimulatedBench | LiveBench", question: Path | None, out
             say(f"playing {motion.duration_s:.0f} s: {name}")
             met = bench.play(motion, out / name)
             written.append(name)
-            parts.append(ask.read(out / name))
+            parts.append(options.read(out / name))
             if met is not None:
                 place = quantity(met.position_m, "m")
                 say(f"the force limit was met at {place}; what is left is played up to there")
             return met
 
-        excited(asked.limits, ask.duration_s, asked.question.rate_hz, play)
+        excited(asked.limits, options.duration_s, asked.question.rate_hz, play)
         write_all(out, question_texts(asked), written)
-        _judge(asked, _joined(parts), out, written)
+        whole = replace(joined(parts, _APART_S), name="answer", source=parts[0].source, further=())
+        _judge(asked, whole, out, written)
 
 
 def _judge(asked: Investigation, recording: Recording, out: Path, written: list[str]) -> None:
@@ -127,21 +131,3 @@ def _within(bench: Limits, limits: Mapping[str, float]) -> Limits:
                 f"{key} = {limit:g}: expected within {most:g}, the limit of the settings"
             )
     return replace(bench, **limits)
-
-
-def _joined(parts: Sequence[Recording]) -> Recording:
-    """The parts of an answer in turn, with a gap between any two."""
-    first, stamps, now_s = parts[0], [], 0.0
-    for part in parts:
-        stamps.append(part.time_s - part.time_s[0] + now_s)
-        now_s = float(stamps[-1][-1]) + _APART_S
-    position_m = np.concatenate([part.position_m for part in parts])
-    force_n = np.concatenate([part.force_n for part in parts if part.force_n is not None])
-    return replace(
-        first,
-        name="answer",
-        time_s=np.concatenate(stamps),
-        position_m=position_m,
-        force_n=force_n,
-        further=(),
-    )

@@ -8,13 +8,11 @@ from io import StringIO
 import numpy as np
 
 from forefeel.common.causes.catalogue import words
-from forefeel.common.causes.model import ContactModel
 from forefeel.common.events.console import printable
 from forefeel.common.events.text import quantity, units_of
 from forefeel.common.recording.recording import Recording
 from forefeel.common.yaml_file import dump_mapping
 from forefeel.diagnosis.excitation import Limits
-from forefeel.diagnosis.extended_model import extended_model
 from forefeel.diagnosis.forecast import Forecast
 from forefeel.diagnosis.investigation import Investigation, Judged
 from forefeel.report.drawing import DOTTED, AxisUnit, Figure, band, line, panel, spec
@@ -22,10 +20,10 @@ from forefeel.report.wording import DISCLAIMER
 from forefeel.results.confirmation_text import confirmation_lines
 from forefeel.results.curves import LEFT, MODEL, near
 from forefeel.results.page import render_page
-from forefeel.results.task import finite
+from forefeel.results.task import finite, model_of
 from forefeel.results.verdict_text import answer as diagnosis_lines
 from forefeel.results.verdict_text import answer_lines as diagnosis_parts
-from forefeel.results.verdict_text import headline
+from forefeel.results.verdict_text import headline, labelled
 
 MOTION, QUESTION, ANSWER, MODEL_YAML = "motion.csv", "question.json", "answer.json", "model.yaml"
 QUESTION_PAGE, ANSWER_PAGE = "question.html", "answer.html"
@@ -57,7 +55,7 @@ def question_lines(asked: Investigation) -> list[str]:
         lines.append(
             ("Record", f"{MOTION} on the bench, from {start} on: time, position, force, at 100 Hz or more")
         )
-    return [*(f"{label:<12}{text}" for label, text in lines), DISCLAIMER]
+    return [*labelled(lines), DISCLAIMER]
 
 
 def answer_lines(judged: Judged) -> list[str]:
@@ -67,7 +65,7 @@ def answer_lines(judged: Judged) -> list[str]:
     if judged.refused is not None:  # it explained the answer, and is told below
         lines = [line for line in lines if not line.startswith("Nearest")]
     with units_of(recording.columns):
-        lines += [f"{label:<11} {text}" for label, text in _confirmed(judged)]
+        lines += labelled(_confirmed(judged))
         if judged.together:
             lines.append("Together    the answer was cut and names nothing alone; with the question it does")
         if not diagnosis.names_causes:
@@ -94,17 +92,10 @@ def question_texts(asked: Investigation) -> dict[str, str]:
     return texts
 
 
-def answer_model(judged: Judged) -> ContactModel:
-    """The simulation of the answer, extended where causes are named."""
-    diagnosed = judged.diagnosed
-    named = diagnosed.diagnosis.names_causes
-    title = f"{diagnosed.recording.name}, {'extended by its diagnosis' if named else 'no cause named'}"
-    return extended_model(diagnosed.analysis if named else diagnosed.analysis.baseline(), title)
-
-
 def answer_texts(asked: Investigation, judged: Judged) -> dict[str, str]:
     """Texts of the files of an answer."""
-    diagnosed, recording, model = judged.diagnosed, judged.diagnosed.recording, answer_model(judged)
+    diagnosed, recording = judged.diagnosed, judged.diagnosed.recording
+    model = model_of(diagnosed)
     with units_of(recording.columns):
         figures = _figures(asked, None if judged.together else recording)
         html = render_page(recording, diagnosed, None, replay=judged.replay, asked=figures)
@@ -116,11 +107,10 @@ def answer_texts(asked: Investigation, judged: Judged) -> dict[str, str]:
 def _confirmed(judged: Judged) -> list[tuple[str, str]]:
     if judged.replay is None:
         return []
-    named = judged.refused or judged.diagnosed.diagnosis
-    lines = confirmation_lines(judged.replay.confirmation, named)
+    lines = confirmation_lines(judged.replay.confirmation, judged.named)
     if judged.refused is None:
         return lines
-    refused = " and ".join(words(cause.name, cause.column) for cause in named.causes)
+    refused = " and ".join(words(cause.name, cause.column) for cause in judged.refused.causes)
     return [("Refused", f"{refused}: it does not hold on the question"), *lines]
 
 

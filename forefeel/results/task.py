@@ -32,7 +32,7 @@ from forefeel.diagnosis.extended_model import extended_model
 from forefeel.diagnosis.plausibility import Question, question
 from forefeel.diagnosis.verdict import Diagnosis
 from forefeel.results.confirmation_text import confirmation_lines
-from forefeel.results.verdict_text import answer, failure
+from forefeel.results.verdict_text import answer, failure, labelled
 
 if TYPE_CHECKING:
     from forefeel.diagnosis.prediction import Across
@@ -111,12 +111,15 @@ def answered(
             require_usable(recording, as_is)
         details = diagnose(recordings[0], progress, given, recordings[1:])
         lines = answer(details.recording, details.diagnosis, None, None if given is None else given.name)
-    named = details.diagnosis.names_causes
-    title = f"{details.recording.name}, extended by its diagnosis"
+    return Answered(details, model_of(details), tuple(lines))
+
+
+def model_of(details: Diagnosed) -> ContactModel:
+    """The simulation of a diagnosis, extended where causes are named."""
+    named, title = details.diagnosis.names_causes, f"{details.recording.name}, extended by its diagnosis"
     if not named:  # a model of a recording whose cause is not named is no finding
         title = f"{details.recording.name}, {details.diagnosis.verdict}: mass, damper, spring and bias"
-    model = extended_model(details.analysis if named else details.analysis.baseline(), title)
-    return Answered(details, model, tuple(lines))
+    return extended_model(details.analysis if named else details.analysis.baseline(), title)
 
 
 def require_usable(recording: Recording, as_is: bool) -> None:
@@ -223,8 +226,7 @@ def _examine(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
     *lines, disclaimer = answer(recording, diagnosis, across, given)
     if replay is not None:
         with units_of(recording.columns):
-            labelled = confirmation_lines(replay.confirmation, diagnosis)
-        lines += [f"{label:<11} {text}" for label, text in labelled]
+            lines += labelled(confirmation_lines(replay.confirmation, diagnosis))
     page = partial(_page, task, judged.details, across, replay)
     return Result(diagnosis, (*taken, *lines, disclaimer), texts, recording.columns), page
 

@@ -1,5 +1,6 @@
 """A verdict in plain words, with the next steps, for an engineer who has to decide what to do."""
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 from forefeel.common.causes.catalogue import cause_class, words
@@ -105,9 +106,14 @@ def answer(
             f"{printable(recording.name)}: {len(recording)} samples, {recording.duration_s:.1f} s, "
             f"{recording.rate_hz:.4g} Hz",
             f"Verdict     {diagnosis.verdict}. {below or headline(diagnosis)}",
-            *(f"{label:<12}{text}" for label, text in answer_lines(diagnosis, across, given)),
+            *labelled(answer_lines(diagnosis, across, given)),
             DISCLAIMER,
         ]
+
+
+def labelled(lines: Iterable[tuple[str, str]]) -> tuple[str, ...]:
+    """Lines for the terminal, each with its label in a column of its own."""
+    return tuple(f"{label:<11} {text}" for label, text in lines)
 
 
 def answer_lines(
