@@ -29,7 +29,6 @@ from forefeel.diagnosis.evaluation.arrivals import DelayedLink
 from forefeel.diagnosis.evaluation.evaluate import Evaluated, prepare
 from forefeel.diagnosis.evaluation.evaluate import evaluate as _evaluate
 from forefeel.diagnosis.verdict import Cause, VerdictName
-from forefeel.diagnosis.verdict import Diagnosis as Verdict
 from forefeel.results.parallel import in_parallel
 from forefeel.results.verdict_text import headline, labelled
 
@@ -115,7 +114,7 @@ class Diagnosis:
         other = _recording(recording, force=True)
         with units_of(other.columns), threadpool_limits(1):
             require_usable(other, as_is)
-            return _confirmation(confirm(self.details, other), self.details.diagnosis)
+            return _confirmation(confirm(self.details, other))
 
     def __str__(self) -> str:
         """The first line of each part of the answer, without what plain regressions saw before the search."""
@@ -201,10 +200,10 @@ class Confirmation:
     __repr__ = __str__
 
 
-def _confirmation(replay: "Replay", named: Verdict) -> Confirmation:
+def _confirmation(replay: "Replay") -> Confirmation:
     from forefeel.results.confirmation_text import confirmation_lines  # noqa: PLC0415 - as in `diagnose`
 
-    return Confirmation(labelled(confirmation_lines(replay.confirmation, named)), replay)
+    return Confirmation(labelled(confirmation_lines(replay)), replay)
 
 
 def diagnose(
@@ -293,7 +292,7 @@ class Investigation:
             require_usable(recording, as_is)
             judged = judge(self.details, recording)
             replay, details = judged.replay, judged.diagnosed
-            confirmed = None if replay is None else _confirmation(replay, judged.named)
+            confirmed = None if replay is None else _confirmation(replay)
         model = Model(model_of(details), details.analysis.regression.sense)
         return Diagnosis(details.recording, model, tuple(answer_lines(judged)), details, confirmed)
 

@@ -15,7 +15,6 @@ from typing import Literal
 import numpy as np
 
 from forefeel.common.causes.candidate import base_name
-from forefeel.common.causes.sensor import SensorSpikes
 from forefeel.common.causes.wall import StiffnessChange
 from forefeel.common.error_size import Floats, rms
 from forefeel.common.errors import RecordingError
@@ -30,7 +29,7 @@ from forefeel.diagnosis.residual import predictable_share
 from forefeel.diagnosis.sensor_faults import clean
 from forefeel.diagnosis.signals import Signals
 from forefeel.diagnosis.uncertainty import WIDER, gain
-from forefeel.diagnosis.verdict import HeldOut
+from forefeel.diagnosis.verdict import Diagnosis, HeldOut
 
 ConfirmationName = Literal["confirmed", "not_confirmed", "not_told"]
 _MOST, _MUCH_LESS = 1.6, 0.6
@@ -65,8 +64,11 @@ class Confirmation:
 
 @dataclass(frozen=True, eq=False)
 class Replay:
-    """Stamps in s, and forces in N in the band of the comparison, of the other recording."""
+    """Stamps in s, and forces in N in the band of the comparison, of the other recording; `of`: the diagnosis
+    whose model it is.
+    """
 
+    of: Diagnosis
     confirmation: Confirmation
     t: Floats
     force_n: Floats
@@ -86,7 +88,7 @@ def confirm(diagnosed: Diagnosed, recording: Recording) -> Replay:
         recording = recording.cut(liveliest(recording, stretch_s(recording)))
     _require_columns(recording, analysis)
     here, cutoff_hz = analysis.regression, analysis.regression.signals.cutoff_hz
-    cleaned = clean(recording, any(cause.name == SensorSpikes.name for cause in diagnosis.causes))
+    cleaned = clean(recording, diagnosis.causes)
     if recording.rate_hz < (least_hz := cutoff_hz / _WIDEST):
         place = f"{recording.source}: {recording.rate_hz:.4g} Hz"
         raise RecordingError(f"{place}, expected at least {least_hz:.4g} Hz for the band of the diagnosis")
@@ -118,7 +120,8 @@ def confirm(diagnosed: Diagnosed, recording: Recording) -> Replay:
         gain(there, before_n, after_n) if set(fit.model) - {"bias"} else None,
         tuple(caution for caution, true in cautions.items() if true and verdict == "confirmed"),
     )  # fmt: skip
-    return Replay(confirmation, there.signals.t[rows], force_n, force_n - before_n, force_n - after_n)
+    t = there.signals.t[rows]
+    return Replay(diagnosis, confirmation, t, force_n, force_n - before_n, force_n - after_n)
 
 
 def _require_columns(recording: Recording, analysis: Analysis) -> None:

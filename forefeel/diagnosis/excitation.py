@@ -1,10 +1,9 @@
 """The motion that a bench is asked for: fixed blocks within its limits, whatever the question is.
 
-A logarithmic sweep (mass, lag, modes), steps with holds (relaxation, delay), one stroke at three speeds
-(drag, Stribeck, damping), reversals of eleven sizes (dry friction, play, presliding); from 25 s on also
-strokes that are quick one way and slow the other, and sines at four depths. A motion chosen by optimal design
-names no more of what is hidden and more of what is not: it separates the models that it was chosen for, and
-hides what none of them says.
+A logarithmic sweep (mass, lag, modes), steps with holds (relaxation, delay), one stroke over the whole range
+at three speeds (drag, damping, contact), reversals of eleven sizes, the smaller the slower (dry friction and
+its fall with speed, play, presliding). A motion chosen by optimal design names no more of what is hidden and
+more of what is not: it separates the models that it was chosen for, and hides what none of them says.
 
 All blocks begin and end at rest at home, 30 % of the range. Speeds are trapezoids; they are rounded by a
 window of positive weights, by which no position, speed or acceleration becomes larger.
@@ -28,7 +27,6 @@ _STEP_S = 1.0 / RATE_HZ
 _ROUNDED_S, _SAMPLES = 0.03, 6.0
 """Length of the window, and in samples of a recording, which tells no quicker motion from spikes."""
 _HOME = 0.3  # of the range
-_LONG_S = 25.0  # from here on six blocks
 _SPEED, _ACCELERATION = 0.9, 0.85  # of the limits, that strokes use at most
 _SWEEP_HZ = 0.5, 12.0
 _OF_RATE = 0.2  # of a recording's rate, up to which it tells a sine
@@ -104,13 +102,13 @@ def excited(
     """Has the motion played on a bench; where that met its force limit, what is left of it again, in a range
     that ends before that place, four times at most. `play`: ends the motion, and goes home, at the limit.
     """
-    blocks, after = len(_blocks(duration_s)), 0
+    after = 0
     for _ in range(_TRIES):
         met = play(excitation(limits, duration_s, rate_hz, after), limits)
         if met is None:
             return
         # at the last sample no block is left: the last one is played again
-        after = min(after + int(met.time_s / duration_s * blocks), blocks - 1)
+        after = min(after + int(met.time_s / duration_s * len(_BLOCKS)), len(_BLOCKS) - 1)
         limits = limits.before(met)
 
 
@@ -132,8 +130,8 @@ def excitation(
     if not SECONDS[0] <= duration_s <= SECONDS[-1]:
         expected = f"{SECONDS[0]:g} to {SECONDS[-1]:g} s"
         raise ConfigurationError(f"a motion of {duration_s:g} s: expected {expected}")
-    blocks, fastest_hz = _blocks(duration_s), min(_SWEEP_HZ[1], _OF_RATE * rate_hz)
-    paths = [_fitted(block, limits, duration_s / len(blocks), fastest_hz) for block in blocks[after:]]
+    fastest_hz = min(_SWEEP_HZ[1], _OF_RATE * rate_hz)
+    paths = [_fitted(block, limits, duration_s / len(_BLOCKS), fastest_hz) for block in _BLOCKS[after:]]
     x = _rounded(np.concatenate(paths), max(_ROUNDED_S, _SAMPLES / rate_hz))
     return Recording("motion", np.arange(len(x), dtype=np.float64) * _STEP_S, x, None, "motion")
 
@@ -223,37 +221,18 @@ def _steps(path: _Path) -> None:
 def _speeds(path: _Path) -> None:
     path.rest(0.2)
     for speed in (0.08, 0.25, 0.85):
-        path.go(0.9, speed)
-        path.go(0.1, speed)
+        path.go(0.98, speed)
+        path.go(0.02, speed)
 
 
 def _reversals(path: _Path) -> None:
     path.go(0.5, 0.3)
     for size in (0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.2, 0.1, 0.05, 0.02, 0.01):
-        path.go(0.5 + 0.5 * size, 0.15)
-        path.go(0.5 - 0.5 * size, 0.15)
-
-
-def _saw(path: _Path) -> None:
-    for inward, outward in ((0.8, 0.15), (0.15, 0.8)):
-        for _ in range(2):
-            path.go(0.85, inward)
-            path.go(0.15, outward)
-
-
-def _depths(path: _Path) -> None:
-    frequency_hz = min(2.5, path.fastest_hz)
-    for place in (0.15, 0.4, 0.65, 0.88):
-        path.go(place, 0.4)
-        path.sine(frequency_hz, frequency_hz, 2.0 / frequency_hz, 0.06)
+        path.go(0.5 + 0.5 * size, 0.4 * size)
+        path.go(0.5 - 0.5 * size, 0.4 * size)
 
 
 _BLOCKS: Sequence[_Block] = (_sweep, _steps, _speeds, _reversals)
-_MORE_BLOCKS: Sequence[_Block] = (_saw, _depths)
-
-
-def _blocks(duration_s: float) -> Sequence[_Block]:
-    return _BLOCKS if duration_s < _LONG_S else (*_BLOCKS, *_MORE_BLOCKS)
 
 
 def _fitted(block: _Block, limits: Limits, duration_s: float, fastest_hz: float) -> Floats:

@@ -1,14 +1,16 @@
 """The diagnosis of a motion that was asked for, held against the recording that left the question open.
 
 The answer is diagnosed alone: together with the question no more is named, and drift, pulsation and hum can
-not be. Both are diagnosed as one only where the force limit cut the answer and it names nothing. A model that
-is named has to hold on the question, which no fit has seen: of the models that do not, most are wrong.
+not be. A model that is named has to hold on the question, which no fit has seen: of the models that do not,
+most are wrong. Where the answer names none that does, a model of the question stands that holds on the
+answer: a slow drift, a contact that the force limit has kept the answer away from.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from math import inf
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 
@@ -23,7 +25,6 @@ from forefeel.diagnosis.sensor_faults import clean
 from forefeel.diagnosis.verdict import Diagnosis
 
 _SHARES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1, 0.05)  # of the limits, of which the largest is taken that does
-_CUT = 0.8  # of the range that was asked for: an answer that has less was cut
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,7 +36,6 @@ class Investigation:
         diagnosed: its diagnosis; None where its force is flat or no stretch of it is long enough.
         limits: that `motion`, without a force, stays within.
         forecasts: what each rival of the diagnosis says of the motion.
-        reduced: the force limit leaves less of the other limits than they allow.
     """
 
     question: Recording
@@ -43,7 +43,6 @@ class Investigation:
     limits: Limits
     motion: Recording
     forecasts: tuple[Forecast, ...]
-    reduced: bool
 
 
 def investigate(
@@ -78,7 +77,7 @@ def investigate(
         foretold = rivals.along(motion) if rivals else []
         if not foretold or min(forecast.most_n for forecast in foretold) <= bounds.force_n:
             break
-    return Investigation(question, diagnosed, within, motion, tuple(foretold), share < 1.0)
+    return Investigation(question, diagnosed, within, motion, tuple(foretold))
 
 
 def _unless_flat(question: Recording, progress: Progress) -> Diagnosed | None:
@@ -93,44 +92,43 @@ class Judged:
     """Verdict on an answer.
 
     Attributes:
-        diagnosed: of the answer, or of question and answer `together`; `unexplained` where its model was not
-            confirmed.
-        refused: the diagnosis of the answer before that; None where it stands.
-        replay: its model on the question; None where none was named, or `together`.
-        together: question and answer were diagnosed as one.
+        diagnosed: `unexplained` where what the answer names was not confirmed.
+        of: the recording that it is of: the question, where its model alone holds on the other one.
+        refused: the diagnosis of the answer where it does not stand.
+        replay: on the other recording; None where nothing was named.
     """
 
     diagnosed: Diagnosed
+    of: Literal["answer", "question"]
     refused: Diagnosis | None
     replay: Replay | None
-    together: bool = False
-
-    @property
-    def named(self) -> Diagnosis:
-        """The diagnosis that `replay` was made of."""
-        return self.refused or self.diagnosed.diagnosis
 
 
 def judge(asked: Investigation, answer: Recording, progress: Progress = lambda stage: None) -> Judged:
-    """Diagnoses an answer, and confirms its model on the question; asks for no motion a second time.
+    """Diagnoses an answer, and confirms its model on the question, or else that of the question on the
+    answer; asks for no motion a second time.
 
     Raises:
-        RecordingError: the answer can not be diagnosed, or the question has too low a rate for its band.
+        RecordingError: the answer can not be diagnosed, or one of the two has too low a rate for the band of
+            the other.
     """
     alone = _unasked(diagnose(answer, progress))
-    if not alone.diagnosis.names_causes:
-        # by the force limit: it left less of the range than the bench has, or the motion
-        cut = asked.reduced or np.ptp(answer.position_m) < _CUT * np.ptp(asked.motion.position_m)
-        both = _together(asked.question, answer, progress) if cut else None
-        return Judged(alone if both is None else both, None, None, together=both is not None)
-    progress("confirmation")
-    replay = confirm(alone, asked.question)
-    if replay.confirmation.verdict != "not_confirmed":
-        return Judged(alone, None, replay)
-    named = alone.diagnosis
+    named, replay = alone.diagnosis, None
+    if named.names_causes:
+        progress("confirmation")
+        replay = confirm(alone, asked.question)
+        if replay.confirmation.verdict != "not_confirmed":
+            return Judged(alone, "answer", None, replay)
+    refused = named if replay else None
+    if asked.diagnosed is not None and asked.diagnosed.diagnosis.verdict == "cause_found":
+        held = confirm(asked.diagnosed, answer)
+        if held.confirmation.verdict == "confirmed" and not held.confirmation.cautions:
+            return Judged(_unasked(asked.diagnosed), "question", refused, held)
+    if refused is None:
+        return Judged(alone, "answer", None, None)
     suspected = tuple(cause.name for cause in named.causes)
     unexplained = replace(named, verdict="unexplained", causes=(), suspected=suspected, other_motion=None)
-    return Judged(replace(alone, diagnosis=unexplained), named, replay)
+    return Judged(replace(alone, diagnosis=unexplained), "answer", named, replay)
 
 
 def _unasked(diagnosed: Diagnosed) -> Diagnosed:
@@ -139,12 +137,3 @@ def _unasked(diagnosed: Diagnosed) -> Diagnosed:
     if motion is None or motion.words is not None:
         return diagnosed
     return replace(diagnosed, diagnosis=replace(diagnosed.diagnosis, next_motion=None))
-
-
-def _together(question: Recording, answer: Recording, progress: Progress) -> Diagnosed | None:
-    """Diagnosis of both as one; None where that names nothing, or can not be made: of two rates, or flat."""
-    try:
-        both = diagnose(question, progress, beside=[answer])
-    except RecordingError:
-        return None
-    return _unasked(both) if both.diagnosis.names_causes else None

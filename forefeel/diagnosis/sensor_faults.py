@@ -4,6 +4,7 @@ A flat top piles samples up at one value; a comb has values only at multiples of
 a mains line is narrower than anything that a hand does.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -24,6 +25,7 @@ from forefeel.diagnosis.verdict import Cause, Interval
 MAINS_HZ = 50.0, 60.0
 _PILE = 8.0
 _LEAST_PILE = 0.002
+_AT_LIMIT = 0.99  # of the force at which another recording was clipped
 _WHOLE = 0.02
 _MOVED = 0.01  # of the range of positions
 _MOST_CLIPPED = 0.5  # of the samples: more is how the force is made
@@ -42,10 +44,10 @@ class Cleaned:
     faults: list[Cause] = field(default_factory=list)
 
 
-def clean(recording: Recording, spikes_known: bool = False) -> Cleaned:
+def clean(recording: Recording, known: Sequence[Cause] = ()) -> Cleaned:
     """Finds saturation, quantisation, spikes and mains hum, and takes the last two out of a copy of the
-    force. `recording`: has to have a force; it stays as it is. `spikes_known`: by another one; any are
-    some.
+    force. `recording`: has to have a force; it stays as it is. `known`: causes of another recording of the
+    same sensor: with spikes any are some, and at the limit of its saturation all is clipped.
     """
     assert recording.force_n is not None
     force = np.array(recording.force_n)
@@ -53,11 +55,13 @@ def clean(recording: Recording, spikes_known: bool = False) -> Cleaned:
     cleaned = Cleaned(force, nowhere, nowhere.copy())
     step = comb_step(force)
     _saturation(cleaned, recording.position_m, step)
+    limits_n = [cause.parameters["limit_n"].value for cause in known if cause.name == SensorSaturation.name]
+    cleaned.clipped |= np.abs(force) > _AT_LIMIT * min(limits_n, default=np.inf)
     if step is not None:
         words = f"the force takes only {len(np.unique(force))} values, multiples of one step"
         parameters = {"step_n": Interval.about(step, 0.0005 * step)}
         cleaned.faults.append(Cause.on_readings(SensorQuantisation.name, parameters, words, step / 12.0**0.5))
-    _spikes(cleaned, recording, step, spikes_known)
+    _spikes(cleaned, recording, step, any(cause.name == SensorSpikes.name for cause in known))
     _mains(cleaned, recording)
     return cleaned
 

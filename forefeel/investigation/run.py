@@ -117,7 +117,7 @@ def run_on_bench(
 
 def _judge(asked: Investigation, recording: Recording, out: Path, written: list[str]) -> None:
     judged = judge(asked, recording, stages(recording.name))
-    texts = answer_texts(asked, judged)
+    texts = answer_texts(asked, recording, judged)
     write_all(out, texts, written)
     answer(*answer_lines(judged), f"{', '.join(texts)} in {out}", document=lambda: texts[ANSWER])
 

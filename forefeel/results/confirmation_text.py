@@ -2,8 +2,8 @@
 
 from forefeel.common.events.console import printable
 from forefeel.common.events.text import quantity
-from forefeel.diagnosis.confirmation import Confirmation
-from forefeel.diagnosis.verdict import Diagnosis, ExpectedGain
+from forefeel.diagnosis.confirmation import Confirmation, Replay
+from forefeel.diagnosis.verdict import ExpectedGain
 from forefeel.results.verdict_text import gain_text
 
 _CAUTIONS = {
@@ -12,9 +12,10 @@ _CAUTIONS = {
 }
 
 
-def confirmation_lines(confirmation: Confirmation, diagnosis: Diagnosis) -> list[tuple[str, str]]:
+def confirmation_lines(replay: Replay) -> list[tuple[str, str]]:
     """Label and text of each line; no label: it goes on."""
-    c, name = confirmation, printable(confirmation.recording)
+    c, diagnosis = replay.confirmation, replay.of
+    name = printable(c.recording)
     if not diagnosis.has_a_model:
         return [("Not told", f"{name}: no cause was named that it could confirm")]
     off = f"off by {quantity(c.left_n, 'N')} rms, {c.ratio:.2g} times what is to be expected"

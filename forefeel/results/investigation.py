@@ -12,7 +12,7 @@ from forefeel.common.events.console import printable
 from forefeel.common.events.text import quantity, units_of
 from forefeel.common.recording.recording import Recording
 from forefeel.common.yaml_file import dump_mapping
-from forefeel.diagnosis.excitation import Limits
+from forefeel.diagnosis.excitation import RATE_HZ, Limits
 from forefeel.diagnosis.forecast import Forecast
 from forefeel.diagnosis.investigation import Investigation, Judged
 from forefeel.report.drawing import DOTTED, AxisUnit, Figure, band, line, panel, spec
@@ -30,6 +30,7 @@ QUESTION_PAGE, ANSWER_PAGE = "question.html", "answer.html"
 QUESTION_FILES, ANSWER_FILES = (MOTION, QUESTION, QUESTION_PAGE), (MODEL_YAML, ANSWER, ANSWER_PAGE)
 _SCHEMA = "forefeel.investigation/1"
 _OF_QUESTION = {"Rivals", "Nearest", "Follows", "Would show"}
+_GRID_S = 0.02
 _COLOURS = (LEFT, MODEL, "good", "warn", "bad", "ink")
 
 
@@ -66,8 +67,10 @@ def answer_lines(judged: Judged) -> list[str]:
         lines = [line for line in lines if not line.startswith("Nearest")]
     with units_of(recording.columns):
         lines += labelled(_confirmed(judged))
-        if judged.together:
-            lines.append("Together    the answer was cut and names nothing alone; with the question it does")
+        if judged.of == "question":
+            lines.append(
+                "Question    its verdict stands: its model holds on the answer, which names none that does"
+            )
         if not diagnosis.names_causes:
             reached = Limits.reached(judged.diagnosed.analysis.regression.signals)
             lines.append(f"Reached     {_limits_text(reached)}: what shows beyond that was not seen")
@@ -92,12 +95,12 @@ def question_texts(asked: Investigation) -> dict[str, str]:
     return texts
 
 
-def answer_texts(asked: Investigation, judged: Judged) -> dict[str, str]:
+def answer_texts(asked: Investigation, answer: Recording, judged: Judged) -> dict[str, str]:
     """Texts of the files of an answer."""
     diagnosed, recording = judged.diagnosed, judged.diagnosed.recording
     model = model_of(diagnosed)
     with units_of(recording.columns):
-        figures = _figures(asked, None if judged.together else recording)
+        figures = _figures(asked, answer)
         html = render_page(recording, diagnosed, None, replay=judged.replay, asked=figures)
     return {
         MODEL_YAML: dump_mapping(model.to_mapping()), ANSWER: _document(asked, judged), ANSWER_PAGE: html
@@ -107,7 +110,7 @@ def answer_texts(asked: Investigation, judged: Judged) -> dict[str, str]:
 def _confirmed(judged: Judged) -> list[tuple[str, str]]:
     if judged.replay is None:
         return []
-    lines = confirmation_lines(judged.replay.confirmation, judged.named)
+    lines = confirmation_lines(judged.replay)
     if judged.refused is None:
         return lines
     refused = " and ".join(words(cause.name, cause.column) for cause in judged.refused.causes)
@@ -146,11 +149,20 @@ def _document(asked: Investigation, judged: Judged | None) -> str:
         document = {
             **document,
             "answer": judged.diagnosed.diagnosis.to_mapping(),
-            "together": judged.together,
+            "of": judged.of,
             "refused": None if refused is None else [cause.name for cause in refused.causes],
             "confirmation": None if replay is None else asdict(replay.confirmation),
         }
     return json.dumps(finite(document), indent=2, allow_nan=False) + "\n"
+
+
+def _began_s(motion: Recording, made: Recording) -> float:
+    """Time in s of the recording of a motion at which it began: where the two correlate most."""
+    t = np.arange(made.time_s[0], made.time_s[-1], _GRID_S)
+    x = np.interp(t, made.time_s, made.position_m)
+    asked = motion.position_m[:: round(_GRID_S * RATE_HZ)]
+    likeness = np.correlate(x - np.mean(x), asked - np.mean(asked), "full")
+    return float(t[0] + (int(np.argmax(likeness)) - len(asked) + 1) * _GRID_S)
 
 
 def _figures(asked: Investigation, answer: Recording | None) -> list[Figure]:
@@ -159,7 +171,7 @@ def _figures(asked: Investigation, answer: Recording | None) -> list[Figure]:
     unit = AxisUnit("position", "m", motion.position_m)
     lines = [line("asked", MODEL, motion.time_s, unit(motion.position_m))]
     if answer is not None:
-        made_s = answer.time_s - answer.time_s[0]
+        made_s = answer.time_s - _began_s(motion, answer)
         lines.append(line("made", "measured", made_s, unit(answer.position_m), 0.25))
     ends = unit(np.array([asked.limits.low_m, asked.limits.high_m]))
     range_m = band("range", "soft", motion.time_s[[0, -1]], *np.repeat(ends[:, None], 2, axis=1))

@@ -66,7 +66,7 @@ def render_page(
         headline=headline(diagnosis),
         steps=next_steps(diagnosis, across),
         said=answer_lines(diagnosis, across, None if given is None else given.name),
-        confirmed=[] if replay is None else confirmation_lines(replay.confirmation, diagnosis),
+        confirmed=[] if replay is None else confirmation_lines(replay),
         replayed=None if replay is None else _draw(partial(_replayed, replay)),
         gain=gain_text(diagnosis.held_out),
         on_readings=on_readings(diagnosis),

@@ -226,7 +226,7 @@ def _examine(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
     *lines, disclaimer = answer(recording, diagnosis, across, given)
     if replay is not None:
         with units_of(recording.columns):
-            lines += labelled(confirmation_lines(replay.confirmation, diagnosis))
+            lines += labelled(confirmation_lines(replay))
     page = partial(_page, task, judged.details, across, replay)
     return Result(diagnosis, (*taken, *lines, disclaimer), texts, recording.columns), page
 

@@ -15,7 +15,7 @@ from tests.hidden_effects.generator.rivals import inseparable
 BOUND_JUDGED = 0.05
 """Where the Cramer-Rao bound is below this a value has to be within TOLERANCE, elsewhere in its interval."""
 TOLERANCE = 0.10
-NAMED_SINCE = {"position_ripple": "position_map"}
+NAMED_SINCE = {"position_ripple": "position_map", "breathing_spring": "varying_pulsation"}
 """Effects of the generator's group without a name that have one since, which is demanded."""
 
 

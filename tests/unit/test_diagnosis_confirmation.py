@@ -10,6 +10,7 @@ from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.confirmation import Confirmation, confirm
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose
 from forefeel.diagnosis.expected_gain import less_own
+from forefeel.diagnosis.sensor_faults import clean
 from forefeel.results.confirmation_text import confirmation_lines
 from tests.unit.diagnosis_samples import FRICTION_N, made, one_sine
 from tests.unit.evaluation_samples import Floats
@@ -70,14 +71,10 @@ def test_what_the_first_motion_left_open_is_not_told() -> None:
 
 def test_a_rest_that_is_no_noise_is_a_caution() -> None:
     stiffens = diagnose(strokes(6.0, sines=((0.4, 5e-3), (1.1, 2e-3), (3.1, 4e-4)), cubic_n_m3=1e6))
-    quiet, beating = (on(stiffens, strokes(cubic_n_m3=1e6, beat_n=beat_n)) for beat_n in (0.0, 2e-3))
-    assert (quiet.verdict, quiet.cautions) == ("confirmed", ())
-    assert (beating.verdict, beating.cautions) == ("confirmed", ("structure",))
-    assert [label for label, _ in confirmation_lines(beating, stiffens.diagnosis)] == [
-        "Confirmed",
-        "",
-        "Caution",
-    ]
+    quiet, beating = (confirm(stiffens, strokes(cubic_n_m3=1e6, beat_n=beat_n)) for beat_n in (0.0, 2e-3))
+    assert (quiet.confirmation.verdict, quiet.confirmation.cautions) == ("confirmed", ())
+    assert (beating.confirmation.verdict, beating.confirmation.cautions) == ("confirmed", ("structure",))
+    assert [label for label, _ in confirmation_lines(beating)] == ["Confirmed", "", "Caution"]
 
 
 def test_a_recording_that_asks_little_is_a_caution(rubbing: Diagnosed) -> None:
@@ -109,6 +106,21 @@ def test_a_wall_gives_way_at_another_instant_of_another_run() -> None:
         c = on(found, stiffens(at_s, 1e-3))
         assert c.verdict == "confirmed"
         assert c.ratio < 1.3
+
+
+def test_what_a_known_limit_has_clipped_does_not_count() -> None:
+    """Over half of the other recording, which alone is taken for a force of two levels."""
+
+    def clipped(recording: Recording, deeper_m: float = 0.0) -> Recording:
+        force_n = np.minimum(np.asarray(recording.force_n) + 40.0 * deeper_m, 0.5)
+        return replace(recording, position_m=recording.position_m + deeper_m, force_n=force_n)
+
+    found = diagnose(clipped(strokes(friction_n=FRICTION_N)))
+    assert found.diagnosis.causes[0].name == "sensor_saturation"
+    other = clipped(strokes(6.0, sines=((0.7, 4e-3), (2.1, 1e-3)), friction_n=FRICTION_N), 5e-3)
+    assert not clean(other).clipped.any()
+    assert np.mean(clean(other, found.diagnosis.causes).clipped) > 0.5
+    assert on(found, other).ratio < 2.0
 
 
 def test_what_can_not_be_diagnosed_confirms_nothing(rubbing: Diagnosed) -> None:

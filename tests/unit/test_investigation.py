@@ -79,7 +79,7 @@ def test_friction_that_one_speed_leaves_open_is_named_and_confirmed() -> None:
     judged = asked_and_judged(0.08, recorded(stroke()))
     assert [cause.name for cause in judged.diagnosed.diagnosis.causes] == ["coulomb_friction"]
     assert judged.replay is not None and judged.replay.confirmation.verdict == "confirmed"
-    assert judged.refused is None and not judged.together
+    assert judged.refused is None and judged.of == "answer"
 
 
 def test_name_that_does_not_hold_on_the_question_is_refused() -> None:
@@ -96,12 +96,17 @@ def test_nothing_hidden_names_nothing() -> None:
     assert judged.replay is None
 
 
-def test_answer_that_was_cut_and_names_nothing_is_judged_with_the_question() -> None:
-    """3 s of one speed; the question has friction in both directions."""
-    question = recorded(excitation(LIMITS, 10.0).position_m)
-    judged = judge(investigate(question, asdict(LIMITS), 10.0), recorded(0.3 * stroke()))
-    assert judged.together
+def test_model_of_the_question_stands_where_it_holds_on_an_answer_that_names_nothing() -> None:
+    """A third of the range, 2 s there and 2 s back."""
+    asked = investigate(recorded(excitation(LIMITS, 10.0).position_m), asdict(LIMITS), 10.0)
+    there = 0.3 * stroke()[::2]
+    there_and_back = np.concatenate([there, there[::-1]])
+    judged = judge(asked, recorded(there_and_back, seed=2))
+    assert (judged.of, judged.refused) == ("question", None)
     assert [cause.name for cause in judged.diagnosed.diagnosis.causes] == ["coulomb_friction"]
+    for other in (recorded(there_and_back, 0.0, seed=2), recorded(0.3 * stroke())):  # without it; one way
+        judged = judge(asked, other)
+        assert (judged.of, judged.diagnosed.diagnosis.causes) == ("answer", ())
 
 
 def test_flat_question_leaves_all_open_and_gets_a_motion() -> None:

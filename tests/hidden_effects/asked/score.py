@@ -83,7 +83,7 @@ def outcome(seed: int, narrow: bool, duration_s: float, case: tuple[int, str]) -
         hidden,
         first,
         _names(judged.diagnosed),
-        judged.diagnosed.diagnosis.verdict + (" together" if judged.together else ""),
+        judged.diagnosed.diagnosis.verdict + ("" if judged.of == "answer" else f" of {judged.of}"),
         confirmation.verdict if confirmation else "",
         confirmation.ratio if confirmation else 0.0,
         tuple(c.name for c in judged.refused.causes) if judged.refused else (),
