@@ -22,7 +22,7 @@ from pydantic_core import PydanticKnownError
 from forefeel.common.config import Settings
 from forefeel.common.errors import ConfigurationError
 
-Slot = Literal["stage", "gripper", "load_cell", "handle"]
+Slot = Literal["stage", "gripper", "load_cell", "handle", "world"]
 SLOTS: tuple[Slot, ...] = get_args(Slot)
 _GROUPS: dict[Slot, str] = {slot: f"forefeel.{slot}s" for slot in SLOTS}
 
@@ -44,8 +44,8 @@ class Driver:
     """Description of a driver by its package. Places are `module:name` and are imported when they are used.
 
     `make` is called with (settings, clock) and returns the port of the driver's slot; a driver of the
-    simulated world (`in_world`) is called with (settings, world). `homing`: called with (settings, clock),
-    calibrates a stage (`forefeel.slave.stage.Homing`). `emulator`: a
+    simulated world (`in_world`) is called with (settings, world), a world with its settings alone. `homing`:
+    called with (settings, clock), calibrates a stage (`forefeel.slave.stage.Homing`). `emulator`: a
     `forefeel.devices.emulation.bench.Emulation`.
     """
 
@@ -117,15 +117,17 @@ def driver_of(slot: Slot, settings: DriverSettings) -> InstalledDriver:
     return installed_driver(slot, settings.driver)
 
 
-def driver_settings(slot: Slot) -> BeforeValidator:
-    """Validator of pydantic that turns a section of a YAML file into the settings of the driver it names."""
+def driver_settings(slot: Slot, optional: bool = False) -> BeforeValidator:
+    """Validator of pydantic that turns a section of a YAML file into the settings of the driver it names;
+    None stays where it is `optional`.
+    """
 
     def read(data: object, info: ValidationInfo) -> object:
         """Validates a section by the settings of the driver that it names; returns DriverSettings as they
         are. Raises ValueError: no mapping, or a driver that can not be imported; PydanticKnownError: none is
         named, or none of that name is installed for the slot.
         """
-        if isinstance(data, DriverSettings):
+        if isinstance(data, DriverSettings) or (optional and data is None):
             return data
         if not isinstance(data, dict):
             raise ValueError("expected a mapping such as {driver: simulated}")

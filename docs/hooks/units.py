@@ -18,6 +18,7 @@ _ENDINGS = {
     "_ns": "ns",
     "_us": "µs",
     "_days": "days",
+    "_deg": "°",
     "_s": "s",
     "_mm": "mm",
     "_m": "m",
@@ -33,6 +34,7 @@ _WHOLE = {
     "gain_n": "N per native unit",
     "zero": "native units",
     "euler_n_m2": "N m²",
+    "stiffness_n_m2": "N m²",
     "full_scale_native": "native units",
 }
 

@@ -45,6 +45,12 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         str | None,
         typer.Option(help="Simulated instrument: catheter (default) or guidewire."),
     ] = None,
+    world: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE", help="World of another engine (YAML); coronary and arch are vessels by MuJoCo."
+        ),
+    ] = None,
     virtual_time: Annotated[
         bool, typer.Option("--virtual-time", help="One process, as fast as it can, repeatable.")
     ] = False,
@@ -101,6 +107,7 @@ def loopback(  # noqa: PLR0913, PLR0917 - one parameter per option
         seed=seed,
         impairment=impairment,
         preset=preset,
+        world=world,
         duration_s=duration,
         recording=recording,
         columns=columns,

@@ -2,12 +2,13 @@
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field
 
 from forefeel.common.causes.base import ContactEffect, ForceEffect
-from forefeel.common.config import checked, dump_yaml
+from forefeel.common.config import Settings, checked, dump_yaml, load_settings
 from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.model_file import load_model
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from forefeel.common.recording.recording import Array, Recording
 
 AXIS = "insertion"
+OUR_WORLDS = Path(__file__).parents[1] / "devices" / "mujoco"
 STATE = "state"
 """Folder of both ends' event logs and flight records."""
 DEFAULT_DURATION_S = 20.0  # s of a run
@@ -46,6 +48,7 @@ class LoopbackOptions:
     seed: int = 0
     impairment: str = "none"
     preset: str | None = None
+    world: str | None = None
     duration_s: float | None = None
     recording: Path | None = None
     columns: Mapping = field(default_factory=Mapping)
@@ -57,6 +60,17 @@ class LoopbackOptions:
     patient: str | None = None
     accept_prior: bool = False
     hardware: str = "simulated"
+
+
+class WorldFile(Settings):
+    """A world of others, with what an axis needs to move in it: limits, the scale of the force to the hand,
+    strokes of the synthetic operator.
+    """
+
+    simulation: WorldSettings
+    limits: dict[str, Any] = Field(default_factory=dict)
+    force_scale: Annotated[float, Field(gt=0.0, le=100.0)] = 1.0
+    operator: dict[str, Any] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,9 +103,13 @@ class Plan:
         return {**self.metadata, **drawn, **simulated}
 
     def vessel(self) -> VesselSettings | None:
-        """Vessel of the simulated world, for the picture; None where recorded forces take its place."""
+        """Vessel of the simulated world, for the picture; None where recorded forces or an engine of others
+        take its place.
+        """
         axis = self.slave_settings().axes[0]
-        return None if axis.load_cell.driver == "recorded" else _vessel(axis.simulation, axis.name)
+        if axis.load_cell.driver == "recorded" or axis.simulation.world is not None:
+            return None
+        return _vessel(axis.simulation, axis.name)
 
     def _where(self, role: str) -> str:
         return f"loopback {role}, recording {self.metadata['recording']}"
@@ -153,7 +171,7 @@ def make_plan(options: LoopbackOptions) -> Plan:
     if options.prior_dir is not None:
         master_axis.setdefault("prediction", {}).update(
             prior_dir=str(options.prior_dir.resolve()),
-            instrument=options.preset or _DEFAULT_PRESET,
+            instrument=_instrument(options),
             patient=options.patient or "simulated",
         )
     both = {"cell": CELL, "impairment": {"inbound": options.impairment, "seed": options.seed}}
@@ -173,6 +191,9 @@ def _check(options: LoopbackOptions) -> None:
     """
     if options.impairment not in PRESETS:
         raise ConfigurationError(f"--impairment {options.impairment!r}: expected one of {', '.join(PRESETS)}")
+    for option, value in (("--preset", options.preset), ("--slave-model", options.slave_model)):
+        if options.world is not None and value is not None:
+            raise ConfigurationError(f"{option} {value}: expected only without --world")
     if options.preset is not None and options.preset not in WORLDS:
         raise ConfigurationError(f"--preset {options.preset!r}: expected one of {', '.join(WORLDS)}")
     if options.duration_s is not None and not 0.5 <= options.duration_s <= 86_400:
@@ -203,7 +224,27 @@ def _axes(options: LoopbackOptions) -> tuple[dict[str, Any], dict[str, Any]]:
         "handle": {"driver": "operator", "seed": options.seed},
         "rendering": {"force_scale": scale, "max_force_n": HAND_MAX_N},
     }
+    if options.world is not None:
+        world = _world_file(options.world)
+        limits |= world.limits
+        slave_axis["simulation"] = world.simulation.model_dump(mode="json")
+        master_axis["rendering"]["force_scale"] = world.force_scale
+        master_axis["handle"] |= world.operator
     return slave_axis, master_axis
+
+
+def _world_file(name: str) -> WorldFile:
+    """The world of a file, or of those that are installed. ConfigurationError: none, or a mistake in it."""
+    ours = {path.name.removesuffix(".yaml"): path for path in OUR_WORLDS.glob("*.yaml")}
+    path = ours.get(name, Path(name))
+    if path.suffix != ".yaml" and not path.exists():
+        known = ", ".join(sorted(ours))
+        raise ConfigurationError(f"--world {name}: no such file; expected a YAML file, or one of {known}")
+    return load_settings(WorldFile, path)
+
+
+def _instrument(options: LoopbackOptions) -> str:
+    return options.preset or (Path(options.world).stem if options.world else _DEFAULT_PRESET)
 
 
 def _metadata(options: LoopbackOptions) -> dict[str, str]:
@@ -211,7 +252,7 @@ def _metadata(options: LoopbackOptions) -> dict[str, str]:
     return {
         "seed": str(options.seed),
         "impairment": options.impairment,
-        "preset": options.preset or _DEFAULT_PRESET,
+        "preset": _instrument(options),
         "recording": options.recording.name if options.recording else "none: synthetic operator",
         "slave_model": options.slave_model.name if options.slave_model else "preset",
         "master_model": options.master_model.name if options.master_model else "m, b, k, bias and friction",
@@ -261,6 +302,7 @@ def _refuse_world_options(options: LoopbackOptions) -> None:
     """
     for option, value in (
         ("--preset", options.preset),
+        ("--world", options.world),
         ("--slave-model", options.slave_model),
         ("--hide", options.hide),
         ("--prior-dir", options.prior_dir),

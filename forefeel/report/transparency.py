@@ -9,12 +9,14 @@ Held: the newest force that had arrived. JND: the just noticeable difference of 
 of it (Pang, Tan, Durlach 1991); the finger's absolute threshold is 29 to 44 mN (docs/how-to/tuning.md).
 """
 
+from contextlib import suppress
 from dataclasses import dataclass, field
 from operator import attrgetter
 
 import numpy as np
 
 from forefeel.common.error_size import ErrorSize, Floats
+from forefeel.common.errors import DeviceError
 from forefeel.common.limiter import MotionLimiter
 from forefeel.common.messages import MotionCommand
 from forefeel.common.recording.mcap_reader import Run
@@ -111,7 +113,7 @@ def run_transparency(run: Run, axis: str, commands: CommandTraces) -> Transparen
 
 def _true_n(run: Run, axis: str, settings: SlaveAxisSettings) -> Floats:
     """Force of the twin in N for each row of the commands' traces, the recorded commands played to it in
-    order; NaN where the command was not recorded.
+    order; NaN where the command was not recorded, and from where an engine of others has failed.
     """
     stamp_ns, sequence = (run.column(axis, FORCE, name) for name in ("stamp_ns", "sequence"))
     # a force is sent in each tick, the first when the world begins
@@ -119,6 +121,9 @@ def _true_n(run: Run, axis: str, settings: SlaveAxisSettings) -> Floats:
     answer_ns = float(np.nanmedian(stamp_ns - run.column(axis, FORCE, "answers_stamp_ns")))
     twin = Twin(settings, start_ns, round(answer_ns) - _TICK_NS)
     sent = sorted(run.messages(axis, COMMAND), key=attrgetter("stamp_ns"))
-    true_n = {(command.session_id, command.sequence): twin.force_n(command) for command in sent}
+    true_n: dict[tuple[int, int], float] = {}
+    with suppress(DeviceError):
+        for command in sent:
+            true_n[command.session_id, command.sequence] = twin.force_n(command)
     ids = zip(*(run.column(axis, HAPTICS, name).tolist() for name in ("session_id", "sequence")), strict=True)
     return np.array([true_n.get(command_id, np.nan) for command_id in ids])

@@ -7,7 +7,8 @@ from forefeel.common.causes.model import ContactModel, at_conversion
 from forefeel.common.causes.motion import Columns, MotionSample
 from forefeel.common.causes.runtime import ContactRuntime
 from forefeel.common.messages import Grip
-from forefeel.slave.plant.settings import HiddenSettings
+from forefeel.slave.plant.foreign import ForeignContact
+from forefeel.slave.plant.settings import HiddenSettings, WorldSettings
 
 
 class SwitchedContact:
@@ -66,13 +67,21 @@ class Converter:
         return force_n
 
 
-PlantContact = ContactRuntime | SwitchedContact
+PlantContact = ContactRuntime | SwitchedContact | ForeignContact
 
 
-def plant_contact(contact: ContactModel, hidden: HiddenSettings | None) -> tuple[PlantContact, Converter]:
+def plant_contact(world: WorldSettings) -> tuple[PlantContact, Converter]:
     """Builds the world's contact and the converter of its readings, which has those of its effects that act
-    at a conversion. `hidden`: effects of both kinds that come in at `from_s`; None: none.
+    at a conversion.
     """
+    contact, converter = _own_contact(world.contact, world.hidden)
+    return (contact if world.world is None else ForeignContact(world.world, contact)), converter
+
+
+def _own_contact(
+    contact: ContactModel, hidden: HiddenSettings | None
+) -> tuple[ContactRuntime | SwitchedContact, Converter]:
+    """`hidden`: effects of both kinds that come in at `from_s`; None: none."""
     continuous, converts = at_conversion(contact)
     if hidden is None:
         return continuous.runtime(), Converter(converts, [], 0.0)

@@ -4,12 +4,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import Field, PlainSerializer, PlainValidator, ValidationInfo, model_validator
+from pydantic import Field, PlainSerializer, PlainValidator, SerializeAsAny, ValidationInfo, model_validator
 
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.config import Settings, checked, deep_merge
 from forefeel.common.errors import ConfigurationError
+from forefeel.common.hardware.driver import driver_settings
 from forefeel.common.model_file import load_model
+from forefeel.slave.plant.foreign import WorldDriverSettings
 from forefeel.slave.plant.presets import PRESETS
 
 PresetName = Literal["catheter", "guidewire"]
@@ -91,8 +93,9 @@ class WorldSettings(Settings):
     """The simulated world of one axis. What a mapping leaves out comes from its preset, value by value.
 
     A list is replaced as a whole: `contact: {effects: [...]}` gives all effects. `model`: a model.yaml that
-    is read as the contact; the effective settings then show what stood in it. `hidden`: what is switched on
-    during the run.
+    is read as the contact; the effective settings then show what stood in it. `world`: an engine whose force
+    takes the place of the preset's contact; effects that are given act beside it. `hidden`: what is switched
+    on during the run.
     """
 
     preset: PresetName = "catheter"
@@ -102,6 +105,9 @@ class WorldSettings(Settings):
     load_cell: LoadCellSettings
     model: Path | None = None
     hidden: HiddenSettings | None = None
+    world: Annotated[SerializeAsAny[WorldDriverSettings] | None, driver_settings("world", optional=True)] = (
+        None
+    )
 
     @model_validator(mode="after")
     def _one_contact(self) -> Self:
@@ -120,6 +126,8 @@ class WorldSettings(Settings):
         if not isinstance(data, dict):
             return data
         data = _with_model(data, "contact", info)
+        if data.get("world") is not None and "contact" not in data:
+            data = {**data, "contact": ContactModel("the world's alone", ()).to_mapping()}
         name = data.get("preset", "catheter")
         values = PRESETS.get(name) if isinstance(name, str) else None  # any other is refused by its field
         if values is None:

@@ -76,7 +76,7 @@ class SimulatedWorld:
         self.others: Mapping[str, SimulatedWorld] = {}
         self._dt = 1.0 / _RATE_HZ
         self._stage = PlantStage(settings.stage, self._dt)
-        self._contact, converter = plant_contact(settings.contact, settings.hidden)
+        self._contact, converter = plant_contact(settings)
         self._fixture = PlantFixture(self._contact, settings.fixture.inserted_m, settings.stage.start_m)
         self._load_cell = PlantLoadCell(settings.load_cell, seed, converter.sense)
         self.start_ns: int | None = None

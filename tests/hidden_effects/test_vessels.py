@@ -5,12 +5,12 @@ from math import exp, pi, radians
 import numpy as np
 import pytest
 
+from forefeel.devices.mujoco.path import GUIDE_M, Path, Piece
+from forefeel.devices.mujoco.wire import STEP_S, EscapedError, Wire, World
 from tests.hidden_effects.laboratory.score import judge
 from tests.hidden_effects.vessels import draw
-from tests.hidden_effects.vessels.draw import KINDS
-from tests.hidden_effects.vessels.path import GUIDE_M, Path, Piece, drawn
+from tests.hidden_effects.vessels.draw import KINDS, drawn_path
 from tests.hidden_effects.vessels.plain import shares, stop
-from tests.hidden_effects.vessels.wire import STEP_S, EscapedError, Wire, World
 
 _HALF_M = 1.25e-3
 
@@ -71,7 +71,7 @@ def test_a_wire_that_leaves_its_vessel_is_refused() -> None:
 def test_a_vessel_has_both_walls_all_along_and_none_within(kind: str) -> None:
     lumen_m = KINDS[kind].lumen_m[0]
     for seed in range(5):
-        path = drawn(np.random.default_rng(seed), 0.03, 0.12, lumen_m, KINDS[kind].bends_m)
+        path = drawn_path(np.random.default_rng(seed), 0.03, 0.12, lumen_m, KINDS[kind].bends_m)
         line = path.line[50:-50:5]
         bars = np.array(list(path.bars()))
         along, from_ = bars[:, 2:4] - bars[:, :2], line[:, None] - bars[None, :, :2]

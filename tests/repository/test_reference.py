@@ -20,11 +20,12 @@ _FILES = ("settings.py", "network_settings.py", "hardware/calibration.py", "dash
 _BASES = {  # never a section: what derives from them is
     "DaemonSettings", "SerialSettings", "DriverSettings", "StageDriverSettings", "GripperDriverSettings",
     "LoadCellDriverSettings", "HandleDriverSettings", "ScaledStageSettings", "CellSettings",
-    "SerialCellSettings", "AxisSettings",
+    "SerialCellSettings", "AxisSettings", "WorldDriverSettings",
 }  # fmt: skip
 WITHOUT_UNIT = {
     "connections", "seed", "loss", "burst_loss", "burst_length", "reorder", "duplicate", "priority",
-    "flight_records", "device", "axis", "sign", "node_id", "port", "method", "force_scale",
+    "flight_records", "device", "axis", "sign", "node_id", "port", "method", "force_scale", "force_axis",
+    "friction",
 }  # fmt: skip
 
 

@@ -22,7 +22,7 @@ class ContactSimulation:
     """
 
     def __init__(self, world: WorldSettings) -> None:
-        contact, _ = plant_contact(world.contact, world.hidden)
+        contact, _ = plant_contact(world)
         self._fixture = PlantFixture(contact, world.fixture.inserted_m, world.stage.start_m)
         self._last: tuple[float, float, float] | None = None
         self.force_n = 0.0

@@ -1,14 +1,15 @@
 """Draws a recording: `draw(kind, seed)`; the same arguments give the same recording."""
 
+from math import radians
 from typing import NamedTuple
 
 import numpy as np
 
+from forefeel.devices.mujoco.path import GUIDE_M, Path, Piece
+from forefeel.devices.mujoco.wire import STEP_S, EscapedError, Wire, World
 from tests.hidden_effects.laboratory.motion import Motion, Rng, log_uniform, moved, strokes, tremor
 from tests.hidden_effects.laboratory.truth import Array, Recorded, Truth
-from tests.hidden_effects.vessels import path
 from tests.hidden_effects.vessels.plain import left_of
-from tests.hidden_effects.vessels.wire import STEP_S, EscapedError, Wire, World
 
 FRICTION = ("position_dependent_friction", "friction_along_the_path", "capstan")  # names that say the same
 # a wire that straightens pushes back by its depth alone, from where it is bent first
@@ -52,7 +53,7 @@ def _drawn(kind: str, seed: int, lasts_s: tuple[float, float], rng: Rng) -> Reco
     lumen_m, friction = rng.uniform(*KINDS[kind].lumen_m), rng.uniform(0.1, 0.2)
     stiffness = log_uniform(rng, 5e-5, 5e-4)
     guide_m = travel_m + _BEHIND_M
-    vessel = path.drawn(rng, guide_m, inserted_m + travel_m + _BEHIND_M, lumen_m, KINDS[kind].bends_m)
+    vessel = drawn_path(rng, guide_m, inserted_m + travel_m + _BEHIND_M, lumen_m, KINDS[kind].bends_m)
     radius_m = 0.18e-3 * (stiffness / 5e-5) ** 0.25  # of the same metal
     wire = Wire(stiffness, radius_m, guide_m + inserted_m, rng.uniform(2.5e-3, 3.5e-3))
     rate_hz, noise_n = int(rng.choice(_RATES_HZ)), rng.uniform(1e-3, 3e-3)
@@ -92,6 +93,25 @@ def _drawn(kind: str, seed: int, lasts_s: tuple[float, float], rng: Rng) -> Reco
     )
     beside = Recorded(*second, _HEADER, second_n, None, truth)
     return Recorded(*first, _HEADER, clean_n, beside, truth)
+
+
+def drawn_path(
+    rng: Rng, guide_m: float, length_m: float, lumen_m: float, bends_m: tuple[float, float]
+) -> Path:
+    """A guide and `length_m` of bends and straights behind it that do not cross."""
+    while True:
+        pieces, heading, left = [Piece(guide_m, 0.0, 0.5 * GUIDE_M)], 0.0, length_m
+        while left > 0.0:
+            pieces.append(Piece(rng.uniform(4e-3, 18e-3), 0.0, 0.5 * lumen_m))
+            radius, angle = rng.uniform(*bends_m), radians(rng.uniform(35.0, 100.0))
+            side = 1.0 if rng.random() < 0.5 else -1.0
+            side = -np.sign(heading) if abs(heading + side * angle) > radians(130.0) else side
+            heading += side * angle
+            pieces.append(Piece(radius * angle, side / radius, 0.5 * lumen_m))
+            left -= pieces[-1].length_m + pieces[-2].length_m
+        path = Path(tuple(pieces))
+        if not path.crosses_itself():
+            return path
 
 
 def _motion(rng: Rng, travel_m: float, lasts_s: float, hand: bool) -> Motion:

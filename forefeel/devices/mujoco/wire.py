@@ -13,8 +13,7 @@ from itertools import pairwise
 import mujoco
 import numpy as np
 
-from tests.hidden_effects.laboratory.truth import Array
-from tests.hidden_effects.vessels.path import Path
+from forefeel.devices.mujoco.path import Array, Path
 
 STEP_S = 5e-4
 _SETTLE_S = 0.5
@@ -51,12 +50,15 @@ class Wire:
 
 
 class World:
-    """The wire along the centre line of its vessel, without tension; `path` None: in the open."""
+    """The wire along the centre line of its vessel, without tension; `path` None: in the open. Steps of
+    `period_s`.
+    """
 
     def __init__(self, wire: Wire, path: Path | None, friction: float, step_s: float = STEP_S) -> None:
         self._wire, self._path = wire, path
         self.model = mujoco.MjModel.from_xml_string(_mjcf(wire, path, friction, step_s))
         self.data = mujoco.MjData(self.model)
+        self.period_s = step_s
         self.worst_m = 0.0  # beyond the wall, so far
         if path is not None:
             middles = (np.arange(self.model.njnt - 1) + 0.5) * wire.segment_m
@@ -86,6 +88,9 @@ class World:
         data.qfrc_applied[0] = stretch + _CELL_N_S_M * (velocity_m_s - data.qvel[0])
         mujoco.mj_step(self.model, data)
         return float(data.qfrc_applied[0])
+
+    def shape_m(self) -> list[tuple[float, float, float]]:
+        return [(x, y, 0.0) for x, y in self.nodes.tolist()]
 
     @property
     def nodes(self) -> Array:

@@ -2,17 +2,17 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
-from math import ceil, radians
+from math import ceil
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tests.hidden_effects.laboratory.motion import Rng
-from tests.hidden_effects.laboratory.truth import Array
+Array = NDArray[np.float64]
 
 GUIDE_M = 2e-3  # inner width of the straight catheter in front of the vessel
-_WALL_M = 1.5e-3
+WALL_M = 1.5e-3
 _FACET_M = 1.5e-3  # a chord of that length is 14 um off an arc of 20 mm
 _GRID_M, _BEHIND_M = 1e-4, 5e-3
 
@@ -69,7 +69,7 @@ class Path:
         line, half = self.line[::10], self._half_m[::10]
         apart = np.hypot(*(line[:, None] - line[None]).transpose(2, 0, 1))
         s = np.arange(len(line)) * 10 * _GRID_M
-        near = 2.0 * (float(np.max(half)) + _WALL_M)
+        near = 2.0 * (float(np.max(half)) + WALL_M)
         # an arc of the least radius, 20 mm, has gone further than that after pi / 2 of it
         return bool(np.any(apart[np.abs(s[:, None] - s[None]) > 0.5 * np.pi * near] < near))
 
@@ -78,7 +78,7 @@ class Path:
         widest = max(piece.half_m for piece in self.pieces)
         for (_, x0, y0, heading), piece in zip(self._starts, self.pieces, strict=False):
             count = ceil(piece.length_m / _FACET_M) if piece.curvature else 1
-            radius = _WALL_M + widest - piece.half_m
+            radius = WALL_M + widest - piece.half_m
             start = 0.0, x0, y0, heading
             ends = [_along(start, piece, i * piece.length_m / count) for i in range(count + 1)]
             for side in (1.0, -1.0):  # left, right
@@ -95,20 +95,3 @@ def _along(start: tuple[float, float, float, float], piece: Piece, s: float) -> 
         return x + s * np.cos(heading), y + s * np.sin(heading), heading
     end = heading + k * s
     return x + (np.sin(end) - np.sin(heading)) / k, y - (np.cos(end) - np.cos(heading)) / k, end
-
-
-def drawn(rng: Rng, guide_m: float, length_m: float, lumen_m: float, bends_m: tuple[float, float]) -> Path:
-    """A guide and `length_m` of bends and straights behind it that do not cross."""
-    while True:
-        pieces, heading, left = [Piece(guide_m, 0.0, 0.5 * GUIDE_M)], 0.0, length_m
-        while left > 0.0:
-            pieces.append(Piece(rng.uniform(4e-3, 18e-3), 0.0, 0.5 * lumen_m))
-            radius, angle = rng.uniform(*bends_m), radians(rng.uniform(35.0, 100.0))
-            side = 1.0 if rng.random() < 0.5 else -1.0
-            side = -np.sign(heading) if abs(heading + side * angle) > radians(130.0) else side
-            heading += side * angle
-            pieces.append(Piece(radius * angle, side / radius, 0.5 * lumen_m))
-            left -= pieces[-1].length_m + pieces[-2].length_m
-        path = Path(tuple(pieces))
-        if not path.crosses_itself():
-            return path

@@ -1,0 +1,61 @@
+"""A guidewire by MuJoCo as the world of a cell."""
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from forefeel.common.errors import ConfigurationError
+from forefeel.common.messages import ForceSample, SafetyState, SlaveState
+from forefeel.loopback.plan import OUR_WORLDS, LoopbackOptions, make_plan
+from forefeel.loopback.virtual import VirtualLoopback
+
+
+def run(world: str, duration_s: float) -> VirtualLoopback:
+    loop = VirtualLoopback(make_plan(LoopbackOptions(world=world, duration_s=duration_s)), 1)
+    loop.run(lambda done_s: None)
+    return loop
+
+
+def test_cell_in_a_vessel_of_mujoco_is_repeatable() -> None:
+    first, second = run("coronary", 3.0), run("coronary", 3.0)
+    assert first.messages == second.messages
+    forces = [message.force_n for _, message, _ in first.messages if isinstance(message, ForceSample)]
+    assert max(forces) - min(forces) > 0.02
+    states = [message for _, message, _ in first.messages if isinstance(message, SlaveState)]
+    assert SafetyState.ARMED in {state.state for state in states}
+    assert not any(state.stops for state in states)
+
+
+def test_wire_that_leaves_its_vessel_is_a_fault_of_the_slave(tmp_path: Path) -> None:
+    file = yaml.safe_load((OUR_WORLDS / "coronary.yaml").read_text())
+    world = file["simulation"]["world"]
+    # a bend of 6 mm that a wire of that stiffness does not follow, with a force that pushes it through
+    world["pieces"] = [{"length_m": 0.006}, {"radius_m": 0.006, "turn_deg": 170}, {"length_m": 0.2}]
+    world["wire"]["stiffness_n_m2"] = 1e-3
+    file["simulation"]["load_cell"] = {"full_scale_n": 20.0}
+    file["limits"]["max_force_n"] = 15.0
+    (tmp_path / "tight.yaml").write_text(yaml.safe_dump(file))
+    loop = run(str(tmp_path / "tight.yaml"), 5.0)
+    reasons = {
+        message.reason
+        for _, message, _ in loop.messages
+        if isinstance(message, SlaveState) and message.state is SafetyState.FAULT
+    }
+    assert any("mm outside at" in reason for reason in reasons)
+
+
+def test_vessel_that_can_not_be_is_refused(tmp_path: Path) -> None:
+    file = yaml.safe_load((OUR_WORLDS / "coronary.yaml").read_text())
+    for pieces, message in (
+        ([{"length_m": 0.05}], "expected .* what the wire reaches"),
+        ([{"radius_m": 0.003, "turn_deg": 90}], r"radius_m = 0\.003; expected at least 0\.0045"),
+        ([{"radius_m": 0.01, "turn_deg": 270}, {"length_m": 0.2}], "crosses itself"),
+    ):
+        file["simulation"]["world"]["pieces"] = pieces
+        (tmp_path / "no.yaml").write_text(yaml.safe_dump(file))
+        plan = make_plan(LoopbackOptions(world=str(tmp_path / "no.yaml")))
+        with pytest.raises(ConfigurationError, match=message):
+            VirtualLoopback(plan, 1)
+    with pytest.raises(ConfigurationError, match="a YAML file, or one of arch, coronary"):
+        make_plan(LoopbackOptions(world="carotid"))

@@ -1,0 +1,167 @@
+"""A contact by an engine of others: its port, what is hidden beside it, its faults, MuJoCo's models."""
+
+from collections.abc import Iterator, Sequence
+from importlib.metadata import EntryPoint, EntryPoints
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+
+from forefeel.common.causes.model import SCHEMA
+from forefeel.common.errors import ConfigurationError, DeviceError
+from forefeel.common.hardware import driver
+from forefeel.common.hardware.driver import Driver, installed_driver
+from forefeel.devices.mujoco.model import Model
+from forefeel.devices.mujoco.settings import MujocoSettings
+from forefeel.slave.plant.foreign import WorldDriverSettings
+from forefeel.slave.plant.settings import world_settings
+from forefeel.slave.plant.world import SimulatedWorld
+
+MS = 1_000_000
+STIFFNESS_N_M = 40.0
+
+
+class SpringSettings(WorldDriverSettings):
+    driver: Literal["spring"]
+    breaks_at_m: float = 1.0
+
+
+class Spring:
+    """Steps of one integration step of our own world, so that both have the same force at the same time."""
+
+    period_s = 2e-4
+
+    def __init__(self, settings: SpringSettings) -> None:
+        self._breaks_at_m = settings.breaks_at_m
+
+    def step(self, position_m: float, _velocity_m_s: float) -> float:
+        if position_m > self._breaks_at_m:
+            raise ArithmeticError("it broke")
+        return STIFFNESS_N_M * position_m
+
+    def shape_m(self) -> Sequence[tuple[float, float, float]]:
+        return ()
+
+
+SPRING = Driver(SpringSettings, f"{__name__}:Spring", "a spring")
+
+
+@pytest.fixture(autouse=True)
+def spring(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    found = EntryPoints([EntryPoint("spring", f"{__name__}:SPRING", "forefeel.worlds")])
+    monkeypatch.setattr(driver, "_installed", lambda: found)
+    installed_driver.cache_clear()
+    yield
+    installed_driver.cache_clear()
+
+
+def readings(mapping: dict[str, Any]) -> list[float]:
+    """Load cell along 30 mm at 50 mm/s."""
+    cell = {"noise_n": 0.0, "bias_n": 0.0, "drift_n_s": 0.0, "pushes_only": False}
+    world = SimulatedWorld(world_settings({"load_cell": cell, **mapping}), 0)
+    forces = []
+    for tick in range(600):
+        world.set_target(5e-5 * tick, 0.05, tick * MS)
+        world.advance((tick + 1) * MS)
+        forces.append(world.load_cell_reading().force_n)
+    return forces
+
+
+def contact(*effects: tuple[str, dict[str, float]]) -> dict[str, Any]:
+    listed = [{"effect": name, "parameters": values} for name, values in effects]
+    return {"schema": SCHEMA, "name": "ours", "effects": listed}
+
+
+OURS = "mass_damper_spring", {"mass_kg": 0.0, "damping_n_s_m": 0.0, "stiffness_n_m": STIFFNESS_N_M}
+RUBS = "coulomb_friction", {"force_n": 0.1}
+
+
+def test_a_spring_of_others_is_our_spring() -> None:
+    world = {"driver": "spring"}
+    assert readings({"world": world}) == pytest.approx(readings({"contact": contact(OURS)}), abs=1e-9)
+
+
+def test_what_is_hidden_acts_beside_the_world_of_others() -> None:
+    hidden = {"effects": contact(RUBS), "from_s": 0.3}
+    theirs = readings({"world": {"driver": "spring"}, "hidden": hidden})
+    assert theirs == pytest.approx(readings({"contact": contact(OURS), "hidden": hidden}), abs=1e-9)
+    assert theirs[-1] - readings({"world": {"driver": "spring"}})[-1] == pytest.approx(0.1, abs=1e-3)
+
+
+def test_an_engine_that_fails_is_a_fault_of_the_device() -> None:
+    with pytest.raises(DeviceError, match=r"^world spring: it broke$"):
+        readings({"world": {"driver": "spring", "breaks_at_m": 0.01}})
+
+
+def test_settings_of_a_world_are_checked_as_those_of_a_device() -> None:
+    with pytest.raises(ConfigurationError, match=r"driver = 'sofa': expected one of 'spring'"):
+        world_settings({"world": {"driver": "sofa"}})
+    with pytest.raises(ConfigurationError, match="unknown key"):
+        world_settings({"world": {"driver": "spring", "springs": 2}})
+    again = world_settings(world_settings({"world": {"driver": "spring"}}).model_dump(mode="json"))
+    assert isinstance(again.world, SpringSettings)
+
+
+MJCF = """
+<mujoco>
+  <option timestep="{step_s}" gravity="0 0 0"/>
+  <worldbody>
+    <body name="carriage">
+      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+      <joint name="slide" type="slide" axis="1 0 0"/>
+      <body name="tip" pos="10 0 0">
+        <inertial pos="0 0 0" mass="0.1" diaginertia="1 1 1"/>
+        <joint name="spring" type="slide" axis="1 0 0" stiffness="50" damping="2"/>
+        <geom type="sphere" size="1" solref="0.002 1"/>
+      </body>
+    </body>
+    <geom type="box" pos="16 0 0" size="2 5 5"/>
+  </worldbody>
+  <sensor><jointpos name="gap" joint="spring"/><jointpos name="at" joint="slide"/></sensor>
+</mujoco>"""
+
+
+def model(tmp_path: Path, step_s: float = 5e-4, **settings: object) -> Model:
+    (tmp_path / "wall.xml").write_text(MJCF.format(step_s=step_s))
+    given: dict[str, Any] = {"drive": "slide", "force": "gap", "force_sign": -1, "unit_m": 1e-3, **settings}
+    return Model(MujocoSettings(driver="mujoco", model=tmp_path / "wall.xml", **given))
+
+
+def test_a_model_in_millimetres_moves_as_the_carriage_and_says_its_sensor(tmp_path: Path) -> None:
+    world = model(tmp_path, shape="carriage")
+    path_m = np.concatenate([np.linspace(0.0, 4e-3, 800), np.full(400, 4e-3)])
+    forces = [world.step(x, 5e-3 if x < 4e-3 else 0.0) for x in path_m.tolist()]
+    assert forces[500] == pytest.approx(0.0, abs=1e-4)
+    # the sphere stands at the wall, at 13 - 10 = 3 mm: the spring gives way by the rest
+    assert forces[-1] == pytest.approx(1e-3, rel=0.05)  # the reading, 1 mm, times `unit_m`
+    assert np.array(world.shape_m())[:, 0] == pytest.approx([4e-3, 13e-3], rel=0.02)
+
+
+def test_a_body_that_is_pushed_through_a_wall_ends_it(tmp_path: Path) -> None:
+    world = model(tmp_path, overlap_m=1e-5)
+    with pytest.raises(FloatingPointError, match=r"bodies overlap by .* mm at .* s: no physics"):
+        for tick in range(2000):
+            world.step(1e-5 * tick, 1e-2)
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"drive": "motor"}, "drive = 'motor'; expected an actuator or a joint of it"),
+        ({"force": "cell"}, "force = 'cell'; expected one of gap, at"),
+        ({"shape": "wire"}, "shape = 'wire'; expected one of world, carriage, tip"),
+        ({"step_s": 7e-4}, "timestep = 0.0007; expected a whole part of 1 ms"),
+    ],
+)
+def test_what_a_model_lacks_is_named(tmp_path: Path, settings: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigurationError, match=message) as caught:
+        model(tmp_path, **settings)
+    assert str(caught.value).startswith(str(tmp_path / "wall.xml"))
+
+
+def test_a_file_that_is_no_model_is_refused_in_a_line(tmp_path: Path) -> None:
+    (tmp_path / "no.xml").write_text("<mujoco><nothing/></mujoco>")
+    with pytest.raises(ConfigurationError, match="expected an MJCF model") as caught:
+        Model(MujocoSettings(driver="mujoco", model=tmp_path / "no.xml", drive="a", force="b"))
+    assert "\n" not in str(caught.value)
