@@ -1,4 +1,5 @@
-"""The paper reproduced with its own algorithm, and six things that its simulation gets wrong.
+"""The paper reproduced with its own algorithm, six things that its simulation gets wrong, and what was
+published since.
 
 "Study on Contact Force Prediction for the Vascular Interventional Surgical Robot based on Parameter
 Identification": figures 4 and 5 are its simulation x = sin t, figures 7 to 10 are made on a simulated bench.
@@ -26,6 +27,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from benchmarks.prediction import scored
+from benchmarks.prediction_published import OfflineNetworks
 from forefeel.common.errors import ForefeelError, RecordingError, RunError
 from forefeel.common.estimation.identifiability import analyse
 from forefeel.common.estimation.predictor import Predictor
@@ -36,6 +39,7 @@ from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.recording import Recording
 from forefeel.common.topics import FORCE, HAPTICS
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
+from forefeel.diagnosis.evaluation.evaluate import prepare
 from forefeel.diagnosis.evaluation.methods import PAPER_LAMBDA, PaperRls, replay
 from forefeel.diagnosis.evaluation.rls import PRIOR_VARIANCE, RecursiveLeastSquares
 from forefeel.loopback.plan import AXIS, LoopbackOptions, make_plan, resisting_sign
@@ -55,6 +59,7 @@ PERIOD_S = 2.0 * pi  # of x = sin t
 BOUNDS_N = {"catheter": ("7, 8", 0.015), "guidewire": ("9, 10", 0.013)}
 """Figures of each instrument, and the bound of the error that the paper states for it."""
 METHODS = "hold", "paper", "newest", "tared", "product"
+PUBLISHED_SINCE = {"kv_ewrls": "Kelvin-Voigt", "hc_ewrls": "Hunt-Crossley", "model_free": "model-free"}
 _SCORED_FROM_S = 3.0  # and the delay: everything starts cold
 
 
@@ -534,6 +539,29 @@ def baseline(runs: Sequence[ComparedRun]) -> Section:
     )
 
 
+def since(runs: Sequence[ComparedRun]) -> Section:
+    """The published methods of `benchmarks.prediction_published` on the same runs, over the same delay."""
+    rows: list[Row] = [("rms / hold at 300 ms", "paper", *PUBLISHED_SINCE.values(), "product")]
+    table = list[list[float]]()
+    for run in runs:
+        prepared = prepare(run.recording, DelayedLink(DELAY_S))
+        scores = scored("", run.name, prepared, list(PUBLISHED_SINCE), OfflineNetworks({}))
+        others = [inf if score.ratio is None else score.ratio for score in scores]
+        table.append([run.of_hold("paper"), *others, run.of_hold("product")])
+        rows.append((run.name, *(f"{ratio:.3g}" for ratio in table[-1])))
+    with np.errstate(divide="ignore"):
+        logs = np.log(np.array(table))
+    means = [float(np.exp(np.mean(column[np.isfinite(column)]))) for column in logs.T]
+    rows.append(("geometric mean of those above 0", *(f"{mean:.3g}" for mean in means)))
+    return Section(
+        "Since the paper",
+        "Kelvin-Voigt and Hunt-Crossley by exponentially weighted recursive least squares (Batty et al., "
+        "Sensors 2022, 22, 9770), with the contact known in hindsight and the best of five forgetting "
+        "factors; a model-free forecast (Narayan and Fey, PLoS ONE 2020), the best of six: flattered, all.",
+        rows,
+    )
+
+
 def named(theta: Array) -> str:
     return ", ".join(f"{name} {value:.3g}" for name, value in zip("mbk", theta.tolist(), strict=True))
 
@@ -556,7 +584,7 @@ def make(out: Path, folders: Sequence[Path], seed: int, duration_s: float) -> No
             except RecordingError as error:
                 skipped.append(f"{path.name} skipped: {error}")
     sections = [simulation(), *map(bench, benches), not_identifiable(), wind_up(), memory(), unmodelled()]
-    for one in (*sections, baseline(runs)):
+    for one in (*sections, baseline(runs), since(runs)):
         if one.figure:
             name = re.sub(r"\W+", "_", one.title.partition(":")[0]).strip("_").lower()
             one.figure.savefig(out / f"{name}.png", dpi=120)

@@ -19,15 +19,15 @@ from forefeel.terminal import output, say, suggest
 
 
 @examples(
-    "forefeel evaluate seal_o_ring_1bar.csv presliding_friction.csv --delay 0.3 --out out/real",
+    "forefeel evaluate seal_o_ring_1bar.csv presliding_friction.csv --delays 20:600 --out out/real",
     "forefeel evaluate run.csv --time ms:t --position mm:laser --force N:load",
 )
 def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="Recordings: CSV, Parquet, MCAP.")],
     out: ResultsFolder = None,
-    delay: Annotated[
-        float, typer.Option(metavar="S", help="From a motion to the arrival of its force.")
-    ] = 0.3,
+    delays: Annotated[
+        str, typer.Option(metavar="MS", help="From a motion to the arrival of its force; or a range, 20:600.")
+    ] = "300",
     jitter: Annotated[
         float, typer.Option(metavar="S", help="Each force is up to this earlier or later.")
     ] = 0.0,
@@ -47,15 +47,15 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     quiet: Quiet = False,
 ) -> None:
     from forefeel.common.recording.units import Mapping  # noqa: PLC0415 - the help needs none of it
-    from forefeel.diagnosis.evaluation.arrivals import DelayedLink  # noqa: PLC0415
+    from forefeel.diagnosis.evaluation.delays import delayed_links, most_usual  # noqa: PLC0415
     from forefeel.diagnosis.evaluation.evaluate import rules as stated  # noqa: PLC0415
     from forefeel.evaluation.run import run_evaluation  # noqa: PLC0415
 
-    link = DelayedLink(delay, jitter, loss, seed)
+    links = delayed_links(delays, jitter, loss, seed)
     with output(as_json, quiet):
         columns = Mapping(time_column, position_column, force_column, row_rate)
-        loaded = run_evaluation(files, link, model, columns, axis, out, overwrite)
-        for rule in stated(link, loaded) if rules else ():
+        loaded = run_evaluation(files, links, model, columns, axis, out, overwrite)
+        for rule in stated(most_usual(links), loaded) if rules else ():
             say(rule)
         if loaded is None:
             suggest("diagnose", files[0], axis=axis, out=out, **columns.options())

@@ -9,15 +9,24 @@ from rich.text import Text
 from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.events.text import quantity, shown_unit
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
+from forefeel.diagnosis.evaluation.delays import CLINICAL_DELAYS, CLINICAL_SOURCES
 from forefeel.diagnosis.evaluation.evaluate import Evaluated
 from forefeel.diagnosis.evaluation.methods import METHODS, Mask
 from forefeel.diagnosis.evaluation.regimes import REGIMES, RegimeScore
-from forefeel.report.drawing import DASHED, DOTTED, Figure, band, limits, line, panel, spec
+from forefeel.diagnosis.evaluation.score import Score
+from forefeel.report.drawing import DASHED, DOTTED, Figure, Layer, band, limits, line, panel, spec
 from forefeel.report.template import render
-from forefeel.report.wording import DISCLAIMER, share
+from forefeel.report.wording import DISCLAIMER, offset_text, share
 from forefeel.terminal import table
 
 _TYPICAL_S = 10.0  # length of the typical stretch
+_WORN: Mapping[str, tuple[str, str, Layer]] = {
+    "zoh": ("held, late", "late", DASHED),
+    "paper": ("paper", "soft", DOTTED),
+    "mbk_bias": ("mbk_bias", "readback", DOTTED),
+    "forefeel": ("predicted", "predicted", {}),
+}
+"""Name, colour and dashes of each method's line."""
 _TRIM = 0.001  # share of a trace's highest and of its lowest values that may lie outside of the picture
 
 
@@ -38,6 +47,8 @@ def render_page(
         size_text=size_text,
         regime_text=regime_text,
         figures=figures,
+        delay_figure=delay_figure,
+        offset_text=offset_text,
     )
 
 
@@ -45,7 +56,7 @@ def headline(link: DelayedLink, recordings: Mapping[str, Evaluated]) -> str:
     """One sentence with the least and greatest ratio of the prediction's rms error to that of the zero-order
     hold, over all recordings; or that none is known.
     """
-    ratios = (ratio_to_zoh(evaluated, "forefeel") for evaluated in recordings.values())
+    ratios = (ratio_to_zoh(evaluated.scores, "forefeel") for evaluated in recordings.values())
     known = sorted(ratio for ratio in ratios if ratio is not None)
     late = f"With forces that are {quantity(link.delay_s, 's')} late"
     if not known:
@@ -95,15 +106,38 @@ def _figure(evaluated: Evaluated, rows: Mask, title: str, caption: str) -> Figur
     return Figure(title, caption, 440, (spec(panels, unit="s"),))
 
 
-def ratio_to_zoh(evaluated: Evaluated, name: str) -> float | None:
+def delay_figure(evaluated: Evaluated) -> Figure:
+    """Picture of the rms error of each method over the delay, with the delays that count at the patient;
+    methods far worse than the late force leave the picture.
+    """
+    delays_ms = 1e3 * np.array(list(evaluated.by_delay))
+    scored = evaluated.by_delay.values()
+    sizes_n = {
+        name: np.array([scores[name].size.rms_n for scores in scored], dtype=np.float64) for name in METHODS
+    }
+    y = limits(sizes_n["zoh"], sizes_n["forefeel"], beside=np.concatenate(list(sizes_n.values())), zero=True)
+    lines = [
+        line(label, colour, delays_ms, sizes_n[name], **more) for name, (label, colour, more) in _WORN.items()
+    ]
+    rules = [
+        {"name": f"{1e3 * at_s:g} ms: {what}", "colour": "warn", "dash": [2, 4], "at": 1e3 * at_s}
+        for at_s, what in CLINICAL_DELAYS
+        if delays_ms[0] <= 1e3 * at_s <= delays_ms[-1]
+    ]
+    canvas = spec([panel(f"error, rms, {shown_unit('N')}", y, lines=lines, rules=rules)], label="delay, ms")
+    caption = f"Upright: what was done or seen at such a round trip. {CLINICAL_SOURCES}."
+    return Figure("Error over the delay", caption, 380, (canvas,))
+
+
+def ratio_to_zoh(scores: Mapping[str, Score], name: str) -> float | None:
     """rms over that of zoh; None when either is unknown, or zoh makes no error."""
-    rms_n, zoh_n = evaluated.scores[name].size.rms_n, evaluated.scores["zoh"].size.rms_n
+    rms_n, zoh_n = scores[name].size.rms_n, scores["zoh"].size.rms_n
     return rms_n / zoh_n if rms_n is not None and zoh_n else None
 
 
-def size_text(evaluated: Evaluated, name: str) -> str:
+def size_text(scores: Mapping[str, Score], name: str) -> str:
     """rms of a method and its ratio to zoh, or when it diverged."""
-    score, relative = evaluated.scores[name], ratio_to_zoh(evaluated, name)
+    score, relative = scores[name], ratio_to_zoh(scores, name)
     if score.diverged_at_s is not None:
         return f"diverged at {score.diverged_at_s:.1f} s"
     text = quantity(score.size.rms_n, "N")
@@ -123,18 +157,24 @@ def regime_text(score: RegimeScore) -> str:
 
 
 def in_words(link: DelayedLink, recordings: Mapping[str, Evaluated]) -> Iterator[RenderableType]:
-    """Yields what the terminal shows: tables by method and by regime, notes of each recording, headline and
-    disclaimer.
+    """Yields what the terminal shows: tables by method, regime and delay, notes of each recording, headline
+    and disclaimer.
     """
-    numbers = (*METHODS, "in the 95 % band")
+    numbers = (*METHODS, "in the 95 % band", "forefeel's time offset")
     title = f"Error, rms and (its ratio to the zero-order hold), delay {link.delay_s:g} s"
     errors = table("recording", *numbers, title=title, right=numbers)
     title = "forefeel by regime, rms and (its ratio to the zero-order hold), share of the scored samples"
     parts = table("recording", *REGIMES, title=title, right=REGIMES)
+    delays = [f"{1e3 * delay_s:g} ms" for delay_s in next(iter(recordings.values())).by_delay]
+    title = "forefeel over the delay, rms and (its ratio to the zero-order hold)"
+    over_delay = table("recording", *delays, title=title, right=delays)
     for stem, evaluated in recordings.items():
-        inside = share(evaluated.scores["forefeel"].band.coverage)
-        errors.add_row(Text(stem), *(size_text(evaluated, name) for name in METHODS), inside)
+        score = evaluated.scores["forefeel"]
+        more = share(score.band.coverage), offset_text(score.offset_s)
+        errors.add_row(Text(stem), *(size_text(evaluated.scores, name) for name in METHODS), *more)
         parts.add_row(Text(stem), *(regime_text(evaluated.regimes[name]) for name in REGIMES))
-    yield from (errors, parts)
+        sizes = [size_text(scores, "forefeel") for scores in evaluated.by_delay.values()]
+        over_delay.add_row(Text(stem), *sizes)
+    yield from (errors, parts, over_delay) if len(delays) > 1 else (errors, parts)
     yield from (f"{stem}: {'; '.join(evaluated.notes)}" for stem, evaluated in recordings.items())
     yield from ("", headline(link, recordings), DISCLAIMER)

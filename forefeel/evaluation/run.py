@@ -13,6 +13,7 @@ from forefeel.common.model_file import load_model
 from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.units import Mapping
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink
+from forefeel.diagnosis.evaluation.delays import most_usual
 from forefeel.diagnosis.evaluation.evaluate import (
     Evaluated,
     Prepared,
@@ -33,31 +34,32 @@ _JSON, _PAGE = "evaluation.json", "evaluation.html"
 
 def run_evaluation(
     files: Sequence[Path],
-    link: DelayedLink,
+    links: Sequence[DelayedLink],
     model_file: Path | None,
     columns: Mapping,
     axis: str | None,
     out: Path | None,
     overwrite: bool,
 ) -> ContactModel | None:
-    """Replays the recordings across the link through every method, writes evaluation.json and evaluation.html
-    into `out`, or a folder named after the first file, and prints the tables; files that can not be used are
-    skipped. Returns the model of `model_file`.
+    """Replays the recordings across the links, by increasing delay, through every method, writes
+    evaluation.json and evaluation.html into `out`, or a folder named after the first file, and prints the
+    tables; files that can not be used are skipped. Returns the model of `model_file`.
 
     Raises:
         InputError: the options can not be fulfilled, or no file can be evaluated; nothing was written.
         RunError: interrupted, or the results can not be written.
     """
     folder = out or folder_named_after(files[0])
+    link = most_usual(links)
     with ends_in_order("evaluation", folder) as written:
         model = checked_model(load_model(model_file), str(model_file)) if model_file else None
-        prepared, skipped = _read(files, columns, axis, link, model)
+        prepared, skipped = _read(files, columns, axis, links, model)
         fresh_folder(folder, (_JSON, _PAGE), "an earlier evaluation", overwrite)
         for entry in prepared.values():
             say(": ".join(filter(None, (entry.recording.source, entry.recording.taken))))
         for reason in skipped.values():
             say(f"skipped: {reason}")
-        evaluated = _evaluate(prepared, model)
+        evaluated = _evaluate(prepared, model, links)
         stated = rules(link, model)
         document = to_json(link, stated, evaluated, skipped)
         with units_of(*[entry.recording.columns for entry in prepared.values()]):
@@ -69,10 +71,15 @@ def run_evaluation(
 
 
 def _read(
-    files: Sequence[Path], columns: Mapping, axis: str | None, link: DelayedLink, model: ContactModel | None
+    files: Sequence[Path],
+    columns: Mapping,
+    axis: str | None,
+    links: Sequence[DelayedLink],
+    model: ContactModel | None,
 ) -> tuple[dict[str, Prepared], dict[str, str]]:
-    """Loads and prepares the recordings; returns them, and the reasons for those that were skipped, both by
-    the file's stem. Where nothing is left it prints the reasons but the last, which it raises.
+    """Loads the recordings and prepares them for the most usual of the links; one that is too short for the
+    longest is skipped. Returns them, and the reasons for those that were skipped, both by the file's stem.
+    Where nothing is left it prints the reasons but the last, which it raises.
 
     Raises:
         InputError: two files of one stem, a column that is malformed, or nothing left.
@@ -85,7 +92,9 @@ def _read(
     skipped: dict[Path, RecordingError] = {}
     for path in files:
         try:
-            prepared[path.stem] = prepare(load_recording(path, columns, axis, force=True), link, model)
+            recording = load_recording(path, columns, axis, force=True)
+            for link in dict.fromkeys((links[-1], most_usual(links))):
+                prepared[path.stem] = prepare(recording, link, model)
         except RecordingError as error:
             skipped[path] = error
     if not prepared:
@@ -96,14 +105,16 @@ def _read(
     return prepared, {path.stem: error.answered_by("evaluate", path) for path, error in skipped.items()}
 
 
-def _evaluate(prepared: dict[str, Prepared], model: ContactModel | None) -> dict[str, Evaluated]:
+def _evaluate(
+    prepared: dict[str, Prepared], model: ContactModel | None, links: Sequence[DelayedLink]
+) -> dict[str, Evaluated]:
     """Evaluates each recording by every method, with a bar on the terminal; returns the results by the file's
     stem.
     """
     number = count()
-    with bar(len(prepared) * len(METHODS)) as show:
+    with bar(len(prepared) * len(links) * len(METHODS)) as show:
 
         def tell(stem: str, method: str) -> None:
             show(next(number), f"{stem}: {method}")
 
-        return {stem: evaluate(entry, model, partial(tell, stem)) for stem, entry in prepared.items()}
+        return {stem: evaluate(entry, model, partial(tell, stem), links) for stem, entry in prepared.items()}

@@ -41,6 +41,7 @@ from forefeel.report.wording import (
     micros,
     named,
     number,
+    offset_text,
     ratio,
     scale,
     share,
@@ -286,6 +287,8 @@ def story(part: AxisReport) -> tuple[str, list[str]]:
         f"{share(felt.within_jnd)} of the time no hand could tell the felt force from the true one: they "
         f"differed by less than {JND_SHARE * 100:g} %, or {quantity(JND_FLOOR_N, 'N')}. True is the force of "
         "a twin of the simulated world without noise and delay.",
+        f"The felt force was {offset_text(felt.offset_s)} in place of {offset_text(felt.held_offset_s)}, "
+        "by the shift at which it correlates best with the true one.",
         model,
     ]
 

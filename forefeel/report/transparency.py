@@ -10,7 +10,7 @@ of it (Pang, Tan, Durlach 1991); the finger's absolute threshold is 29 to 44 mN 
 """
 
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
 
 import numpy as np
@@ -20,6 +20,7 @@ from forefeel.common.errors import DeviceError
 from forefeel.common.limiter import MotionLimiter
 from forefeel.common.messages import MotionCommand
 from forefeel.common.recording.mcap_reader import Run
+from forefeel.common.time_offset import time_offset_s
 from forefeel.common.topics import COMMAND, FORCE, HAPTICS
 from forefeel.report.score import compare
 from forefeel.report.traces import CommandTraces
@@ -33,7 +34,9 @@ _MAX_STEP_S = 0.010  # s, of the slave's limiter too
 
 @dataclass(frozen=True, slots=True)
 class Transparency:
-    """Errors at the hand in N; `ratio`: R; `jnd_rms`: rms of error / JND; `within_jnd`: share below one."""
+    """Errors at the hand in N; `ratio`: R; `jnd_rms`: rms of error / JND; `within_jnd`: share below one.
+    `offset_s`, `held_offset_s`: time offset of the felt and of the held force, above 0: late.
+    """
 
     commands: int = 0
     felt: ErrorSize = field(default_factory=ErrorSize)
@@ -41,6 +44,8 @@ class Transparency:
     ratio: float | None = None
     jnd_rms: float | None = None
     within_jnd: float | None = None
+    offset_s: float | None = None
+    held_offset_s: float | None = None
 
 
 class Twin:
@@ -108,7 +113,12 @@ def run_transparency(run: Run, axis: str, commands: CommandTraces) -> Transparen
     if settings.name != axis or not commands.followed.any():
         return None
     true_n = np.where(commands.followed, scale * _true_n(run, axis, settings), np.nan)
-    return transparency(commands.rendered_n, scale * commands.zoh_n, true_n)
+    held_n = scale * commands.zoh_n
+    offset_s, held_offset_s = (
+        time_offset_s(commands.time_s, shown_n, true_n) for shown_n in (commands.rendered_n, held_n)
+    )
+    scored = transparency(commands.rendered_n, held_n, true_n)
+    return replace(scored, offset_s=offset_s, held_offset_s=held_offset_s)
 
 
 def _true_n(run: Run, axis: str, settings: SlaveAxisSettings) -> Floats:

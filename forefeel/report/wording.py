@@ -60,7 +60,15 @@ def felt_text(score: "Transparency | None") -> str:
     if score is None:
         return "not judged: only a simulated world knows the true force"
     within = f"unnoticeable {share(score.within_jnd)} of the time"
-    return f"{error_text(score.felt, score.held, score.ratio)}; {within}"
+    offset = f"{offset_text(score.offset_s)} in place of {offset_text(score.held_offset_s)}"
+    return f"{error_text(score.felt, score.held, score.ratio)}; {offset}; {within}"
+
+
+def offset_text(offset_s: float | None) -> str:
+    """A time offset in whole ms."""
+    if offset_s is None:
+        return UNKNOWN
+    return f"{abs(1e3 * offset_s):.0f} ms {'early' if offset_s < 0.0 else 'late'}"
 
 
 def error_text(size: "ErrorSize", late: "ErrorSize", times: float | None) -> str:

@@ -40,7 +40,7 @@ def test_good_files_are_evaluated_and_bad_ones_skipped(
     unclear.write_text(Path(files[0]).read_text().replace("position_m", "position"))
     out = tmp_path / "new" / "out"
     files += [str(tmp_path / "broken.csv"), str(unclear)]
-    assert run(["evaluate", *files, "--delay", "0.3", "--out", str(out)]) == 0
+    assert run(["evaluate", *files, "--delays", "20:300", "--out", str(out)]) == 0
     shown = capsys.readouterr()
     assert sorted(path.name for path in out.iterdir()) == ["evaluation.html", "evaluation.json"]
     found = document(out)
@@ -58,6 +58,11 @@ def test_good_files_are_evaluated_and_bad_ones_skipped(
     methods = found["recordings"]["contact"]["methods"]  # type: ignore[index]
     for name in "paper", "mbk_bias", "forefeel":
         assert f"({methods[name]['rms_n'] / methods['zoh']['rms_n']:.3f})" in row
+    assert row.rstrip(" |").endswith(f"{abs(1e3 * methods['forefeel']['offset_s']):.0f} ms late")
+    by_delay = found["recordings"]["contact"]["by_delay"]  # type: ignore[index]
+    assert [each["delay_s"] for each in by_delay] == pytest.approx([0.02, 0.06, 0.12, 0.25, 0.3])
+    assert by_delay[-1]["rms_n"]["zoh"] == methods["zoh"]["rms_n"] > by_delay[0]["rms_n"]["zoh"]
+    check_page((out / "evaluation.html").read_text(), figures=3)
     assert "\x1b" not in shown.out + shown.err
 
 
@@ -97,7 +102,7 @@ BAD = {
     "no file": ("", ("FILE",), {}),
     "a folder": ("@", ("suffix",), {}),
     "one stem twice": ("@/a.csv @/b/a.csv", ("2 files", "'a'"), {"a.csv": GOOD, "b/a.csv": GOOD}),
-    "delay negative": ("@/a.csv --delay -1", ("delay_s = -1",), {"a.csv": GOOD}),
+    "delay negative": ("@/a.csv --delays -1000", ("delay_s = -1",), {"a.csv": GOOD}),
     "unit": ("@/a.csv --force V:load", ("force = 'V:load'",), {"a.csv": GOOD}),
     "model that learns nothing": (
         "@/a.csv --model @/m.yaml",

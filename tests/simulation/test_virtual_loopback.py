@@ -129,6 +129,9 @@ def test_report_scores_prediction_and_felt_force(tmp_path: Path) -> None:
     report = write_report(tmp_path / "run.mcap", tmp_path)
     assert report.settled.commands > 1500 and (report.settled.ratio or 9.0) < 0.6
     assert report.transparency is not None and (report.transparency.ratio or 9.0) < 0.9
+    offset_s, held_offset_s = report.transparency.offset_s, report.transparency.held_offset_s
+    assert offset_s is not None and abs(offset_s) < 0.1
+    assert held_offset_s == pytest.approx(report.delay_s.p50, abs=0.02)
     assert "twin of the simulated world" in (tmp_path / "report.html").read_text()
     run = Run(tmp_path / "run.mcap")
     commands = axis_traces(run, "insertion").commands

@@ -9,6 +9,7 @@ from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.common.estimation.evaluator import Estimate
 from forefeel.diagnosis.evaluation.arrivals import DelayedLink, arrivals
+from forefeel.diagnosis.evaluation.delays import delayed_links, most_usual
 from forefeel.diagnosis.evaluation.evaluate import checked_model, evaluate, prepare, rules, to_json
 from forefeel.diagnosis.evaluation.methods import LONGEST_LATENESS_S, METHODS, Pairs, replay
 from tests.unit.evaluation_samples import made_up, recording, zoh_oracle
@@ -155,18 +156,30 @@ def test_the_document_has_the_agreed_form_and_no_nan() -> None:
     assert [document[name] for name in ("delay_s", "jitter_s", "loss", "seed")] == [0.3, 0.01, 0.02, 5]
     assert document["skipped"] == {"two": "a reason"}
     one = document["recordings"]["one"]
-    assert list(one) == ["samples", "duration_s", "rate_hz", "gaps", "notes", "methods", "regimes"]
+    assert list(one) == [
+        "samples",
+        "duration_s",
+        "rate_hz",
+        "gaps",
+        "notes",
+        "methods",
+        "regimes",
+        "by_delay",
+    ]
     assert (one["samples"], one["gaps"]) == (600, 1)
     assert one["rate_hz"] == pytest.approx(100, rel=0.01)
     assert list(one["methods"]) == list(METHODS) == ["zoh", "paper", "mbk_bias", "forefeel"]
     for name in "zoh", "paper", "mbk_bias":
-        assert list(one["methods"][name]) == ["rms_n", "p95_n", "max_n"]
+        assert list(one["methods"][name]) == ["rms_n", "p95_n", "max_n", "offset_s"]
     assert list(one["methods"]["forefeel"]) == [
-        "rms_n", "p95_n", "max_n", "coverage_95", "band_width_n", "leading_expert",
+        "rms_n", "p95_n", "max_n", "offset_s", "coverage_95", "band_width_n", "leading_expert",
     ]  # fmt: skip
     assert list(one["regimes"]) == ["rest", "onset", "reversal", "cruise"]
     for regime in one["regimes"].values():
         assert list(regime) == ["share", "zoh_rms_n", "forefeel_rms_n"]
+    rms_n = {name: method["rms_n"] for name, method in one["methods"].items()}
+    assert one["by_delay"] == [{"delay_s": 0.3, "rms_n": rms_n}]
+    assert one["methods"]["zoh"]["offset_s"] == pytest.approx(0.31, abs=0.01)  # and half a period, and jitter
     assert any("2 % of them are lost" in rule for rule in document["rules"])
 
 
@@ -179,6 +192,31 @@ def test_the_paper_overflows_on_a_long_pure_sine_at_1_khz_and_that_is_said() -> 
     assert found.diverged_at_s is not None
     assert 15.0 < found.diverged_at_s < 18.0
     assert found.size.rms_n is None
+
+
+def test_what_is_said_at_several_delays_is_what_is_said_at_each_alone() -> None:
+    links = delayed_links("60:300", 0.01, 0.02, 5)
+    assert most_usual(links) == links[-1]
+    found = evaluate(prepare(SAMPLE, links[-1]), None, links=links).by_delay
+    assert list(found) == [0.06, 0.12, 0.25, 0.3]
+    for link in links:
+        assert found[link.delay_s] == evaluate(prepare(SAMPLE, link), None).scores
+    zoh_n = [scores["zoh"].size.rms_n or 0.0 for scores in found.values()]
+    assert zoh_n == sorted(zoh_n) and zoh_n[0] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("text", "ms"),
+    [("300", [300]), ("20:600", [20, 60, 120, 250, 300, 450, 600]), ("100:130.5", [100, 120, 130.5])],
+)
+def test_delays_are_one_or_a_range(text: str, ms: list[float]) -> None:
+    assert [1e3 * link.delay_s for link in delayed_links(text, 0.0, 0.0, 0)] == pytest.approx(ms)
+
+
+@pytest.mark.parametrize("text", ["", "x", "20:", "20:60:600", "600:20", "20:20", "nan", "-1", "20:31000"])
+def test_other_delays_are_refused(text: str) -> None:
+    with pytest.raises(ConfigurationError, match="delay"):
+        delayed_links(text, 0.0, 0.0, 0)
 
 
 def model(effects: list[object]) -> ContactModel:

@@ -94,6 +94,19 @@ def test_unmodelled_force_leaves_what_the_model_lacks(what: str) -> None:
     assert found["product"] < 0.1 * found["closed form"]
 
 
+def test_since_the_paper_each_method_is_measured_by_the_hold() -> None:
+    time_s = 0.02 * np.arange(600.0)
+    x = 0.01 * np.sin(2.1 * time_s) + 0.004 * np.sin(5.3 * time_s)
+    force_n = 40.0 * x + 0.5 * np.gradient(x, time_s) + 2.0
+    run = paper.compared("kv", Recording("kv", time_s, x, force_n, "made up"), 1.1 * force_n)
+    head, row, mean = paper.since([run]).rows
+    ratios = dict(zip(head[1:], map(float, row[1:]), strict=True))
+    assert list(ratios) == ["paper", "Kelvin-Voigt", "Hunt-Crossley", "model-free", "product"]
+    assert max(ratios[name] for name in paper.PUBLISHED_SINCE.values()) < 0.1
+    assert ratios["product"] == pytest.approx(run.of_hold("product"), rel=1e-2)
+    assert mean[1:] == row[1:]
+
+
 def test_no_prediction_knows_the_future() -> None:
     """Forces after t - delay and motion after t, exchanged for each other, change nothing up to t."""
     time_s = 0.02 * np.arange(450.0)

@@ -13,6 +13,7 @@ from forefeel.common.error_size import Floats
 from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.recording.recording import Recording
+from forefeel.common.time_offset import LONGEST_OFFSET_S
 from forefeel.diagnosis.evaluation.arrivals import Arrivals, DelayedLink, arrivals
 from forefeel.diagnosis.evaluation.methods import METHODS, Mask, MethodTrace, ZeroOrderHold, replay
 from forefeel.diagnosis.evaluation.regimes import RULE, RegimeScore, by_regime, regimes
@@ -28,11 +29,12 @@ from forefeel.diagnosis.evaluation.score import (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """A recording that can be evaluated. `arrivals`: its late forces; `zoh`: those of the zero-order hold;
-    `rows`: the stamps that are scored.
+    """A recording that can be evaluated. `arrivals`: its late forces, `delay_s` after their motion; `zoh`:
+    those of the zero-order hold; `rows`: the stamps that are scored.
     """
 
     recording: Recording
+    delay_s: float
     force_n: Floats
     arrivals: Arrivals
     zoh: MethodTrace
@@ -42,7 +44,8 @@ class Prepared:
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluated:
     """Scores and predictions by method, zoh among them; `predicted_n` is zoh's where a method has none.
-    `regimes`: forefeel beside zoh in the parts of the motion, by their names.
+    `regimes`: forefeel beside zoh in the parts of the motion, by their names. `by_delay`: scores at each
+    delay in s that was asked for, increasing, this one among them.
     """
 
     prepared: Prepared
@@ -51,6 +54,7 @@ class Evaluated:
     predicted_n: Mapping[str, Floats]
     traces: Mapping[str, MethodTrace]
     regimes: Mapping[str, RegimeScore]
+    by_delay: Mapping[float, Mapping[str, Score]]
 
 
 def prepare(recording: Recording, link: DelayedLink, model: ContactModel | None = None) -> Prepared:
@@ -81,11 +85,14 @@ def prepare(recording: Recording, link: DelayedLink, model: ContactModel | None 
         raise RecordingError(
             f"{recording.source}: no force arrives before the end, expected less delay or loss"
         )
-    return Prepared(recording, recording.force_n, late, zoh, rows)
+    return Prepared(recording, link.delay_s, recording.force_n, late, zoh, rows)
 
 
 def evaluate(
-    prepared: Prepared, model: ContactModel | None, progress: Callable[[str], None] = lambda name: None
+    prepared: Prepared,
+    model: ContactModel | None,
+    progress: Callable[[str], None] = lambda name: None,
+    links: Sequence[DelayedLink] = (),
 ) -> Evaluated:
     """Replays a recording through every method, each from a cold start, and scores them; forefeel and zoh
     also by regime of the motion.
@@ -94,6 +101,10 @@ def evaluate(
         prepared: see `prepare`.
         model: of a model.yaml, for forefeel; None: its own.
         progress: called with the name of each method before it starts.
+        links: further ones, over which it is scored, too; that of `prepared` is passed over.
+
+    Raises:
+        RecordingError: it can not be evaluated over one of the links.
     """
     recording, force_n, zoh = prepared.recording, prepared.force_n, prepared.zoh
     traces: dict[str, MethodTrace] = {}
@@ -106,7 +117,12 @@ def evaluate(
     predicted_n = {name: completed(trace, zoh) for name, trace in traces.items()}
     forefeel_n = predicted_n["forefeel"] if scores["forefeel"].diverged_at_s is None else None
     parts = by_regime(regimes(recording), prepared.rows, force_n, predicted_n["zoh"], forefeel_n)
-    return Evaluated(prepared, _notes(prepared), scores, predicted_n, traces, parts)
+    by_delay: dict[float, Mapping[str, Score]] = {prepared.delay_s: scores}
+    for link in links:
+        if link.delay_s != prepared.delay_s:
+            by_delay[link.delay_s] = evaluate(prepare(recording, link, model), model, progress).scores
+    ordered = dict(sorted(by_delay.items()))
+    return Evaluated(prepared, _notes(prepared), scores, predicted_n, traces, parts, ordered)
 
 
 def _notes(prepared: Prepared) -> tuple[str, ...]:
@@ -136,6 +152,8 @@ def rules(link: DelayedLink, model: ContactModel | None) -> tuple[str, ...]:
         f"Derivatives and filters are causal; a gap over {GAP_S:g} s is never interpolated across.",
         "Where a method has no prediction yet the zero-order hold counts. One that is not finite, or beyond "
         f"{RUNAWAY:g} times the largest force of the recording, has diverged: no rms.",
+        "time offset: the shift at which the prediction correlates best with the force, above 0 where it is "
+        f"late; none where that is beyond {LONGEST_OFFSET_S:g} s.",
         RULE,
         "paper: lambda 0.96 per sample, P symmetrised, each force paired with the motion of its own stamp. "
         f"forefeel: {'its own model' if model is None else f'model {model.name!r}'}.",
@@ -177,7 +195,7 @@ def to_json(
 
 
 def _recording(evaluated: Evaluated) -> dict[str, object]:
-    """Entry of a recording in evaluation.json: its sampling, notes, and scores by method and by regime."""
+    """Entry of a recording in evaluation.json: sampling, notes, and scores by method, regime and delay."""
     recording = evaluated.prepared.recording
     return {
         "samples": len(recording),
@@ -187,15 +205,20 @@ def _recording(evaluated: Evaluated) -> dict[str, object]:
         "notes": list(evaluated.notes),
         "methods": {name: _method(name, score) for name, score in evaluated.scores.items()},
         "regimes": {name: asdict(score) for name, score in evaluated.regimes.items()},
+        "by_delay": [
+            {"delay_s": delay_s, "rms_n": {name: score.size.rms_n for name, score in scores.items()}}
+            for delay_s, scores in evaluated.by_delay.items()
+        ],
     }
 
 
 def _method(name: str, score: Score) -> dict[str, object]:
-    """Entry of a method in evaluation.json: size of the error, and `diverged_at_s` only where it diverged.
+    """Entry of a method in evaluation.json: error, time offset, and `diverged_at_s` where it diverged.
     The band, and the expert that led, are forefeel's alone; a width that is not finite becomes None.
     """
     size = score.size
     fields: dict[str, object] = {"rms_n": size.rms_n, "p95_n": size.p95_n, "max_n": size.max_n}
+    fields["offset_s"] = score.offset_s
     if score.diverged_at_s is not None:
         fields["diverged_at_s"] = score.diverged_at_s
     if name == _WITH_BAND:

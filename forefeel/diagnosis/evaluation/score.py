@@ -1,4 +1,4 @@
-"""Errors of a method's predictions against the measured force; pure functions of arrays."""
+"""Errors and time offset of a method's predictions against the measured force; pure functions of arrays."""
 
 from collections import Counter
 from dataclasses import dataclass
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from forefeel.common.error_size import ErrorSize, Floats, error_size
+from forefeel.common.time_offset import time_offset_s
 from forefeel.diagnosis.evaluation.methods import Mask, MethodTrace
 
 # s after the first stamp, and the delay, before scoring begins
@@ -30,9 +31,12 @@ class BandScore:
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """The size of the error; None where the method diverged, `diverged_at_s` after the first stamp."""
+    """Size of the error and time offset (above 0: late); None where the method diverged, `diverged_at_s`
+    after the first stamp.
+    """
 
     size: ErrorSize
+    offset_s: float | None = None
     diverged_at_s: float | None = None
     band: BandScore = BandScore()
 
@@ -62,7 +66,8 @@ def score(time_s: Floats, force_n: Floats, trace: MethodTrace, zoh: MethodTrace,
         first = int(np.flatnonzero(runaway)[0])
         return Score(ErrorSize(), diverged_at_s=float(time_s[first] - time_s[0]))
     size = error_size(predicted_n[rows], force_n[rows])
-    return Score(size, band=_band(force_n, trace, rows))
+    offset_s = time_offset_s(time_s, np.where(rows, predicted_n, np.nan), force_n)
+    return Score(size, offset_s, band=_band(force_n, trace, rows))
 
 
 def _band(force_n: Floats, trace: MethodTrace, rows: Mask) -> BandScore:
