@@ -1,6 +1,8 @@
 """Common parts of both daemons: one impaired transport, the reports on loop timing and impairment."""
 
 from collections.abc import Callable, Sequence
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
 from typing import TypeVar
 
 from forefeel.common.bus import Bus
@@ -20,6 +22,14 @@ A = TypeVar("A")
 SECOND_NS = 1_000_000_000  # ns in a second, from which the periods of the tasks are derived
 _KNOWN_NS = SECOND_NS
 """Time after its start until a daemon knows who listens; nobody receives what is published before."""
+
+
+@cache
+def software_version() -> str:
+    try:
+        return version("forefeel")
+    except PackageNotFoundError:  # run from a source tree
+        return "not installed"
 
 
 def impaired(inner: Transport, settings: LinkImpairment, role: Role, runtime: Runtime) -> ImpairedTransport:

@@ -13,7 +13,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-PROTOCOL_VERSION = 6  # version of these messages; other versions are refused, except in a handshake
+PROTOCOL_VERSION = 7  # version of these messages; other versions are refused, except in a handshake
 
 MOST_COUNT = 2**63 - 1  # MessagePack and JSON readers have 64 bits
 NonNegativeInt = Annotated[int, Field(ge=0, le=MOST_COUNT)]
@@ -176,6 +176,11 @@ class HapticSample(Message):
     master's clock. `low_n`, `high_n`: the 95 % band of the prediction; `leading`: the expert that led it, or
     `zoh`. `zoh_n`: the last received force, a zero-order hold. `energy_j`: what the hand has put into the
     handle since the start; negative where the rendered force gave it more than it took.
+
+    For a replay, `forces`: sequences of those taken since the sample before; `slave_state`: sequence of the
+    state by whose `reaction_s` the setpoint was expected; `snapshot`: number of the estimate that was used,
+    None up to protocol 6; `snapshot_forces`: how many of all forces taken it rests on; `fit_late`: a fit of
+    the contact that was to take effect by then was not done.
     """
 
     handle_position_m: Position
@@ -191,6 +196,11 @@ class HapticSample(Message):
     answered_sequence: NonNegativeInt | None
     limited: bool
     energy_j: Energy = 0.0
+    forces: tuple[NonNegativeInt, ...] = ()
+    slave_state: NonNegativeInt | None = None
+    snapshot: NonNegativeInt | None = None
+    snapshot_forces: NonNegativeInt = 0
+    fit_late: bool = False
 
 
 class ModelParameters(Message):

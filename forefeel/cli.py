@@ -30,6 +30,8 @@ COMMANDS = {
     "router": "Route between the ends of several cells, each kept to itself, until Ctrl-C.",
     "loopback": "Run master and slave on this machine, record, and report.",
     "evaluate": "Replay recordings across a delay: zero-order hold, the paper, m-b-k-bias and forefeel.",
+    "resimulate": "Predict recorded sessions anew: this version beside the one that recorded them. Exit 1: "
+    "worse, or not identical, where that was asked for.",
     "diagnose": "Show what the simulation gets wrong on a recording, name the cause, extend the model, "
     "measure the gain.",
     "investigate": "Ask for the motion that a recording leaves to be made, and judge the answer to it: named "

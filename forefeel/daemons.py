@@ -12,12 +12,12 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from secrets import randbits
 from typing import TYPE_CHECKING, TypeVar
 
 from forefeel.child_process import die_with_parent
 from forefeel.common.config import dump_yaml
+from forefeel.common.daemon import software_version
 from forefeel.common.errors import ConfigurationError, EndpointError, NoRouterError
 from forefeel.common.events.console import Notices, tell_notices
 from forefeel.common.runtime.real import Host, RealRuntime
@@ -441,14 +441,10 @@ def _facts(settings: DaemonSettings) -> dict[str, str]:
     """Facts for the first line of the event log, by name: role, cell, version, drivers, a hash of the
     settings, endpoints.
     """
-    try:
-        software = version("forefeel")
-    except PackageNotFoundError:  # run from a source tree
-        software = "not installed"
     return {
         "role": settings.role,
         "cell": settings.cell,
-        "software": software,
+        "software": software_version(),
         "drivers": "; ".join(f"{device.name} {device.driver.origin}" for device in configured(settings)),
         "settings": hashlib.sha256(dump_yaml(settings).encode()).hexdigest()[:16],
         "listen": " ".join(settings.transport.listen),

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from forefeel.common import topics
 from forefeel.common.bus import Bus, Publisher
 from forefeel.common.causes.motion import NO_COLUMNS, Columns
+from forefeel.common.daemon import software_version
 from forefeel.common.errors import DeviceError
 from forefeel.common.events.console import printable
 from forefeel.common.events.sink import HALTED, NULL_EVENT_SINK, EventSink
@@ -20,6 +21,7 @@ from forefeel.common.messages import (
     EmergencyStop,
     ForceSample,
     Handshake,
+    HapticSample,
     Heartbeat,
     MasterState,
     Message,
@@ -74,6 +76,8 @@ class MasterAxis:
         self._bus = bus
         self._heartbeats = Heartbeats(bus.publisher(topics.MASTER_HEARTBEAT))
         self._force: NewestForce | None = None
+        self._taken: list[int] = []  # sequences of forces that no haptic sample has named yet
+        self._reacts_by: int | None = None  # sequence of the state that the expected setpoint reacts by
         self._full_scale_n = 0.0
         self._stage_position_m: float | None = None
         self._slave_state: SlaveState | None = None
@@ -128,6 +132,7 @@ class MasterAxis:
             self.counters["forces_ahead"] += 1
             return
         self.identification.queue.put(sample)
+        self._taken.append(sample.sequence)
         if order == "older":
             self.counters["forces_reordered"] += 1
             return
@@ -158,6 +163,7 @@ class MasterAxis:
             self.faulted = True
         if len(state.reaction_s) == len(Reaction._fields):
             self._loop.prediction.setpoint.react(Reaction(*state.reaction_s))
+            self._reacts_by = state.sequence
 
     def _begin_orders(self) -> None:
         self._forces, self._answers, self._states = StampOrder(backwards=True), StampOrder(), StampOrder()
@@ -203,10 +209,12 @@ class MasterAxis:
         self.handle.show(Indication(state, stage_position_m))
         reading = self._hand.read(now_ns)
         live_state = None if self.stopping else state  # the force fades before the handle is let go
-        snapshot = self.identification.snapshot
-        outputs = self._loop.tick(
-            now_ns, HapticInputs(reading, live_state, stage_position_m, force, snapshot, further)
+        snapshot, reacts_by = self.identification.snapshot, self._reacts_by
+        in_session = self.session.state is SessionState.OPEN
+        inputs = HapticInputs(
+            reading, live_state, stage_position_m, force, snapshot, further, in_session, self._released
         )
+        outputs = self._loop.tick(now_ns, inputs)
         rendered_n = self._hand.render(0.0 if self._failed else outputs.rendered_n, now_ns)
         self._loop.applied(rendered_n)
         if reading.estop and (not self._pressed or state is not SafetyState.ESTOPPED):
@@ -214,11 +222,15 @@ class MasterAxis:
         self._pressed = reading.estop
         for hit in outputs.hits:
             self.events.limit(hit)
-        held = outputs.deadman and not self.stopping and self._hand.fault is None
-        self._deadman = held and not self.stop.wanted
-        if self.session.state is SessionState.OPEN:
-            self._publish(now_ns, outputs, rendered_n, reading.position_m, force)
+        self._deadman = outputs.deadman and not self._released
+        if in_session:
+            self._publish(now_ns, inputs, outputs, rendered_n, reacts_by)
         self._bus.end_batches(now_ns)
+
+    @property
+    def _released(self) -> bool:
+        """True where the deadman counts as released: stopping, after a fault of the handle, in a stop."""
+        return self.stopping or self._hand.fault is not None or self.stop.wanted
 
     def _status(self, now_ns: int) -> tuple[AxisStatus, str]:
         """Status of the axis and its reason: the first that holds of failed, handle_fault, in_session,
@@ -245,10 +257,10 @@ class MasterAxis:
     def _publish(
         self,
         now_ns: int,
+        inputs: HapticInputs,
         outputs: HapticOutputs,
         rendered_n: float,
-        handle_m: float,
-        force: NewestForce | None,
+        reacts_by: int | None,
     ) -> None:
         """Publishes the command and the haptic sample of a tick under one header: one stamp and number.
         Position and band of the command are clipped to the range of the messages.
@@ -267,8 +279,10 @@ class MasterAxis:
                 high_n=bounded(high_n),
             )
         )
-        offset = self._heartbeats.offset
-        self._haptics.send(haptic_sample(header, outputs, rendered_n, handle_m, force, offset))
+        # at most 32 in a tick (decision 0029); those of a session that opened late follow in the next ticks
+        forces, clock = tuple(self._taken[: HapticSample.most_items]), self._heartbeats.offset
+        del self._taken[: HapticSample.most_items]
+        self._haptics.send(haptic_sample(header, inputs, outputs, rendered_n, clock, forces, reacts_by))
 
     @property
     def stage_m(self) -> float:
@@ -312,7 +326,7 @@ class MasterAxis:
                 **self._handshake.header(self.session.session_id, now_ns),
                 role="master",
                 instance_id=self._instance_id,
-                software="forefeel",
+                software=f"forefeel {software_version()}",
                 settings_hash=settings_hash(self._shared),
                 settings=self._shared,
                 drivers=self._drivers,

@@ -4,13 +4,13 @@ from math import isfinite
 from typing import NamedTuple
 
 from forefeel.common.causes.motion import NO_COLUMNS, Columns
-from forefeel.common.estimation.evaluator import Estimate, Snapshot
+from forefeel.common.estimation.evaluator import Estimate
 from forefeel.common.events.text import DISTRUSTED
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import FOLLOWING, MOST_FORCE_N, ForceSample, Grip, SafetyState
 from forefeel.common.settings import AxisLimits
 from forefeel.master.handle import HandleReading
-from forefeel.master.prediction import ForcePrediction
+from forefeel.master.prediction import ForcePrediction, Identified
 from forefeel.master.rendering import ForceRenderer, Rendered
 from forefeel.master.rendering_watch import RenderingWatch
 from forefeel.master.settings import RenderingSettings
@@ -33,15 +33,18 @@ class NewestForce(NamedTuple):
 
 class HapticInputs(NamedTuple):
     """Inputs of a tick. `state`, `stage_position_m`: the slave's, as they arrived last. `further`: where the
-    other axes' stages are expected, of those that the contact's model follows.
+    other axes' stages are expected, of those that the contact's model follows. `in_session`: the tick's
+    command is sent. `released`: the deadman counts as released in it, whatever the hand does.
     """
 
     reading: HandleReading
     state: SafetyState | None
     stage_position_m: float | None
     force: NewestForce | None
-    snapshot: Snapshot
+    snapshot: Identified
     further: Columns = NO_COLUMNS
+    in_session: bool = True
+    released: bool = False
 
 
 class HapticOutputs(NamedTuple):
@@ -106,14 +109,14 @@ class HapticLoop:
         """
         reading, force = inputs.reading, inputs.force
         position_m = self.clutch.command_m(reading, inputs.stage_position_m)
-        predicted = self._predict(now_ns, position_m, inputs)
+        deadman = reading.deadman and not self._watch.ends
+        predicted = self._predict(now_ns, position_m, deadman, inputs)
         fresh = force is not None and force.is_fresh(now_ns, self._stale_ns)
         following = reading.deadman and inputs.state in FOLLOWING
         # one that stays away, or comes and is never fresh, has to be felt, too
         due = following and force is not None and (fresh or not force.ended)
         newest = force.sample if force is not None and due else None
         self._watch.judge(now_ns, position_m, reading.deadman, newest, predicted, self._rendered)
-        deadman = reading.deadman and not self._watch.ends
         if predicted is not None and not isfinite(sum(predicted[:3])):
             predicted = None
         if reading.gripper is Grip.OPEN or inputs.state not in FOLLOWING:
@@ -150,15 +153,21 @@ class HapticLoop:
         """Begins the force at zero: the hand felt nothing up to now, whatever was rendered."""
         self._renderer.release()
 
-    def _predict(self, now_ns: int, position_m: float, inputs: HapticInputs) -> Estimate | None:
-        """Predicted force for the command; None before any force has arrived, and while the gripper is open,
-        when the prediction forgets its motion.
+    def _predict(
+        self, now_ns: int, position_m: float, deadman: bool, inputs: HapticInputs
+    ) -> Estimate | None:
+        """Predicted force for the command as it is sent, so that a recording can be replayed; None before any
+        force has arrived, outside a session, and while the gripper is open, when the prediction forgets its
+        motion.
         """
         reading = inputs.reading
+        if not inputs.in_session:
+            return None
         if reading.gripper is Grip.OPEN:
             self.prediction.reset()
             return None
         newest = inputs.force.sample if inputs.force else None
+        velocity_m_s, held = reading.velocity_m_s if deadman else 0.0, deadman and not inputs.released
         return self.prediction.predict(
-            now_ns, position_m, reading.velocity_m_s, reading.deadman, inputs.snapshot, newest, inputs.further
+            now_ns, position_m, velocity_m_s, held, inputs.snapshot, newest, inputs.further
         )

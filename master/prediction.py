@@ -9,6 +9,7 @@ position at which the stage is expected.
 """
 
 from collections import deque
+from dataclasses import dataclass
 from operator import itemgetter
 from typing import NamedTuple
 
@@ -112,6 +113,20 @@ class ExpectedSetpoint:
         return min(self._expected_n[0][1], self._limit_n)
 
 
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Identified(Snapshot):
+    """Snapshot of all that was identified, with the lags of the stage, see `StageLag`.
+
+    `number` of the run, `forces` drained from the queue by then, and `fit_late` as of the learner: a replay
+    makes the snapshot anew from these three.
+    """
+
+    lags: tuple[float, float] | None = None
+    number: int = 0
+    forces: int = 0
+    fit_late: bool = False
+
+
 class ForcePrediction:
     """The contact force at the operator's present motion, of one axis; asked at every tick of its loop.
 
@@ -138,13 +153,13 @@ class ForcePrediction:
         position_m: float,
         velocity_m_s: float,
         deadman: bool,
-        snapshot: Snapshot,
+        snapshot: Identified,
         newest: ForceSample | None,
         further: Columns = NO_COLUMNS,
     ) -> Estimate | None:
         """Force where the slave's setpoint and its lagging stage will be by this command; None before any
         force has arrived. Stateful, once per command: a new `newest` corrects setpoint and prediction at
-        once; without `deadman` the setpoint jumps to the command. `snapshot`: state of the learning;
+        once; without `deadman` the setpoint jumps to the command. `snapshot`: what was identified;
         `further`: columns that the contact's model follows.
         """
         if self._origin_ns is None:
@@ -155,7 +170,7 @@ class ForcePrediction:
             if (answered_s := self.stamp_s(newest)) is not None:
                 self.evaluator.hear(answered_s, newest.force_n)
         setpoint_m = self.setpoint.follow(stamp_ns, position_m, velocity_m_s, deadman, self._expected)
-        self.stage_m = self.lag.command(stamp_ns, setpoint_m)
+        self.stage_m = self.lag.command(stamp_ns, setpoint_m, snapshot.lags)
         self.evaluator.snapshot = snapshot
         stamp_s = (stamp_ns - self._origin_ns) * 1e-9
         self.evaluator.move(stamp_s, setpoint_m, self.stage_m, velocity_m_s, further)
@@ -197,8 +212,8 @@ class IdentificationTask:
         self.queue: BoundedQueue[ForceSample] = BoundedQueue(_QUEUE)
         self._prediction = prediction
         self.learner = learner
-        self.snapshot = learner.publish()
         self.used = self.unused = 0
+        self.snapshot = self._publish(0)
 
     def run(self) -> None:
         """Drains `queue`, learns from its samples in the order of the stamps and renews `snapshot`. Samples
@@ -213,4 +228,17 @@ class IdentificationTask:
             error_m = self._prediction.setpoint.error_m(sample)
             self._prediction.lag.observe(sample.answers_stamp_ns or 0, sample.position_m - error_m)
             self.learner.take(stamp_s, sample.force_n, error_m)
-        self.snapshot = self.learner.publish()
+        self.snapshot = self._publish(self.snapshot.number + 1)
+
+    def _publish(self, number: int) -> Identified:
+        published = self.learner.publish()
+        return Identified(
+            published.learned,
+            published.contact,
+            published.band_known,
+            published.taught,
+            lags=self._prediction.lag.lags,
+            number=number,
+            forces=self.used + self.unused,
+            fit_late=self.learner.fit_late,
+        )

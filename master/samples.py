@@ -14,7 +14,7 @@ from forefeel.common.messages import (
     ModelParameters,
     within,
 )
-from forefeel.master.haptics import HapticOutputs, NewestForce
+from forefeel.master.haptics import HapticInputs, HapticOutputs, NewestForce
 from forefeel.master.prediction import IdentificationTask
 
 
@@ -34,22 +34,23 @@ def ages_s(
 
 def haptic_sample(
     header: Header,
+    inputs: HapticInputs,
     outputs: HapticOutputs,
     rendered_n: float,
-    handle_m: float,
-    force: NewestForce | None,
     clock: OffsetEstimate | None,
+    forces: tuple[int, ...],
+    slave_state: int | None,
 ) -> HapticSample:
     """Builds the haptic sample of one tick; fields of the prediction or of the newest force are None where
     there is none (`leading`: empty). Clips command position and prediction to the range of the messages.
-    `rendered_n`: as the handle applied it.
+    `rendered_n`: as the handle applied it. `forces`, `slave_state`: as in the message.
     """
-    predicted = outputs.predicted
+    predicted, force, snapshot = outputs.predicted, inputs.force, inputs.snapshot
     force_n, low_n, high_n = map(bounded, predicted[:3]) if predicted else (None, None, None)
     age_s, delay_s = ages_s(header["stamp_ns"], force, clock)
     return HapticSample(
         **header,
-        handle_position_m=handle_m,
+        handle_position_m=inputs.reading.position_m,
         command_position_m=within(outputs.position_m, MOST_POSITION_M),
         predicted_n=force_n,
         low_n=low_n,
@@ -62,6 +63,11 @@ def haptic_sample(
         answered_sequence=force.sample.answers_sequence if force else None,
         limited=bool(outputs.hits),
         energy_j=outputs.energy_j,
+        forces=forces,
+        snapshot=snapshot.number,
+        snapshot_forces=snapshot.forces,
+        fit_late=snapshot.fit_late,
+        slave_state=slave_state,
     )
 
 

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from forefeel.common import topics
 from forefeel.common.bus import Bus
 from forefeel.common.clock_offset import MAX_RATE_PPM, OffsetEstimate
+from forefeel.common.daemon import software_version
 from forefeel.common.events.text import span
 from forefeel.common.heartbeats import Heartbeats
 from forefeel.common.messages import Handshake, Heartbeat
@@ -167,7 +168,7 @@ class SlaveSession:
                     **self._answer.header(handshake.session_id, now_ns),
                     role="slave",
                     instance_id=self._instance_id,
-                    software="forefeel",
+                    software=f"forefeel {software_version()}",
                     settings_hash=settings_hash(self._shared),
                     settings=self._shared,
                     accepted=not reason,

@@ -52,8 +52,8 @@ class Bank(Protocol):
     three is known. octave: the range of motion is at most 2^octave m. v, a: smoothed derivatives.
     fastest_m_s: fading. began_m: where the piece began. suspect_m: the last position if it was replaced,
     else NaN. rest_m, moved_s: where and when the motion last got away from `rest_m` by more than the smallest
-    stop's radius. restart: 1 if the next sample follows a gap. renewed: 1 for each stop to which the last
-    sample gave a new radius. slow_*: the means of the relaxations.
+    stop's radius. restart: 1 if the next sample follows a gap. slow_*: the means of the relaxations.
+    periods_s, octaves, since_moved_s: by sample, the period, the octave and the time since `moved_s` then.
     """
 
     count: float
@@ -76,9 +76,11 @@ class Bank(Protocol):
     restart: float
     stops_m: Annotated[Array, STOPS]
     radii_m: Annotated[Array, STOPS]
-    renewed: Annotated[Array, STOPS]
     slow_m: Annotated[Array, len(RELAXATIONS_S)]
     slow_friction: Annotated[Array, len(RELAXATIONS_S)]
+    periods_s: Annotated[Array, RING]
+    octaves: Annotated[Array, RING]
+    since_moved_s: Annotated[Array, RING]
     t_s: Annotated[Array, RING]
     x_m: Annotated[Array, RING]
     phi: Annotated[Array, RING, COUNT]

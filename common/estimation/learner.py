@@ -16,7 +16,7 @@ from forefeel.common.estimation import blend as blends
 from forefeel.common.estimation import change_detection, experts
 from forefeel.common.estimation import forces as forces_
 from forefeel.common.estimation.band import Band
-from forefeel.common.estimation.bank import RING
+from forefeel.common.estimation.bank import NO_OCTAVE, RING
 from forefeel.common.estimation.blend import Blend
 from forefeel.common.estimation.change_detection import Change, Trial
 from forefeel.common.estimation.contact import Contact, ContactFit, Fitting
@@ -34,8 +34,10 @@ class Knowledge(Protocol):
     """All that was learned. taken: by ring place, number of the sample whose force has arrived, plus one.
 
     predicted_n2, zoh_n2: integrals of the squared errors of the prediction and of the zero-order hold.
+    octave: of the samples learned from so far.
     """
 
+    octave: float
     predicted_n2: float
     zoh_n2: float
     forces: Forces
@@ -72,6 +74,7 @@ class Learner:
 
     Attributes:
         prior: as given; None once it is dropped. fits: number of fits of the contact so far.
+        fit_late: True from when a fit was to take effect until it is done.
         renewals: number of times that all was discarded, for bad predictions (`validity`) or a lost contact.
         lost_n: force in N that each lost contact predicted at its loss, see `lost_contact`.
     """
@@ -88,7 +91,7 @@ class Learner:
         self.prior, self._model, self._solve = prior, model, solve
         self.lost_n: list[float] = []
         self._early: list[tuple[float, float, float]] = []
-        self.fits, self.renewals = 0, -1
+        self.fits, self.renewals, self.fit_late = 0, -1, False
         self._begin_anew()
         self._taught = self._fit.contact
 
@@ -96,6 +99,7 @@ class Learner:
         """Discards all that was learned, but keeps prior and model; counts a renewal."""
         self._knowledge = Record(Knowledge)
         values = self._knowledge.values
+        values["octave"] = NO_OCTAVE
         forces_.begin(values["forces"])
         experts.begin(values["experts"])
         blends.begin(values["blend"], self.prior is not None or self._model is not None)
@@ -172,7 +176,9 @@ class Learner:
         self._fit.observe(stamp_s, x_m, v_m_s, a_m_s2, force_n, self._evaluator.further[place])
         if self._fitting is not None:
             fitting, result = self._fitting
-            if stamp_s >= fitting.takes_effect_s and result.done():
+            due = stamp_s >= fitting.takes_effect_s
+            self.fit_late = due and not result.done()
+            if due and not self.fit_late:
                 contact = result.result()
                 self._fit.apply(contact)
                 if contact is not None:
@@ -182,8 +188,8 @@ class Learner:
                         blend["taught"] = 0.0
                 self.fits += 1
                 self._fitting = None
-        if self._fitting is None and (due := self._fit.due()) is not None:
-            self._fitting = due, self._solve(due.solve)
+        if self._fitting is None and (begun := self._fit.due()) is not None:
+            self._fitting = begun, self._solve(begun.solve)
 
     def publish(self) -> Snapshot:
         """Snapshot of all that is known now."""

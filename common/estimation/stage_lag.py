@@ -62,8 +62,9 @@ class StageLag:
         self._observed_ns: int | None = None
         self._since_restart_s = 0.0
 
-    def command(self, stamp_ns: int, position_m: float) -> float:
-        """Records a command for `observe`; returns the stage position in m that the lags let expect for it.
+    def command(self, stamp_ns: int, position_m: float, lags: tuple[float, float] | None = None) -> float:
+        """Records a command for `observe`; returns the stage position in m that the lags let expect for it:
+        those given, or the newest.
 
         One that is not finite, or no later than the last, is not recorded and gives `position_m`. A pause of
         0.1 s restarts the filter.
@@ -76,7 +77,7 @@ class StageLag:
             self._motion.reset()
         _, v, a = self._motion.step(position_m, dt)
         self._sent.put(stamp_ns, (position_m, v, a))
-        lag_s, lag2_s2 = self.lags
+        lag_s, lag2_s2 = lags or self.lags
         return position_m - lag_s * v + lag2_s2 * a
 
     def observe(self, stamp_ns: int, readback_m: float) -> None:

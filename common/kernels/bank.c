@@ -86,7 +86,6 @@ static void widen(Bank *bank) {
         bank->stops_m[slot] = within(-r, r, bank->median_m - bank->began_m);
         for (int i = 0; i < RING; i++)
             bank->phi[i][FIRST_STOP + slot] = 0.0;
-        bank->renewed[slot] = 1.0;
     }
     bank->octave = octave;
 }
@@ -102,7 +101,6 @@ static bool advance(Bank *bank, double t, double x) {
         x = accepted(bank, n, x, dt);
     bool new_piece = n == 0 || dt > GAP_S || bank->restart > 0.0;
     bank->restart = 0.0;
-    fill(0.0, bank->renewed, STOPS);
     if (new_piece)
         begin_piece(bank, n, t, x);
     else
@@ -118,13 +116,23 @@ static bool advance(Bank *bank, double t, double x) {
     }
     bank->t_s[place(n)] = t;
     bank->x_m[place(n)] = x;
+    bank->periods_s[place(n)] = bank->period_s;
+    bank->octaves[place(n)] = bank->octave;
+    bank->since_moved_s[place(n)] = t - bank->moved_s;
     bank->count = n + 1;
     return true;
 }
 
 /* True if the motion has rested for over 2 s up to sample n, so that it teaches nothing. */
 static bool at_rest(const Bank *bank, long n) {
-    return bank->t_s[place(n)] - bank->moved_s > REST_S && bank->octave != NO_OCTAVE;
+    return bank->since_moved_s[place(n)] > REST_S && bank->octaves[place(n)] != NO_OCTAVE;
+}
+
+/* The radii of the stops in an octave. */
+static void fill_radii(double *radii_m, double octave) {
+    fill(1.0, radii_m, STOPS);
+    for (int j = (int)octave - STOPS + 1; octave != NO_OCTAVE && j <= (int)octave; j++)
+        radii_m[j & (STOPS - 1)] = ldexp(1.0, j - 1);
 }
 
 /* Moves the means of x and friction on by dt; phi gets the differences from them. */

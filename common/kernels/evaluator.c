@@ -18,9 +18,6 @@ void evaluator_move(Evaluation *evaluation, const OwnMotion *motion) {
         evaluation->taught_n = most(evaluation->taught_n, fabs(motion->taught_n));
     if (evaluation->newest >= 0.0 && n - evaluation->newest >= RING)
         evaluation->newest = -1.0;
-    for (int j = 0; j < STOPS; j++)
-        if (bank->renewed[j] > 0.0)
-            clear_stop(evaluation->rows, RING, j);
 }
 
 /* Makes a force the newest, if it is later; without a motion, later by a gap than one with a motion. */

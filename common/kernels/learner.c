@@ -1,6 +1,7 @@
 /* The identification task's side of the predictor: ../estimation/learner.py. */
 
-/* Learns from the force of sample n and the predictions of it. */
+/* Learns from the force of sample n and the predictions of it. Of the motion counts what was known at sample n: a
+   later sample, which comes while forces are learned or after it, changes nothing, and a replay learns the same. */
 static void learn(Knowledge *knowledge, const Evaluation *evaluation, long n, double force_n) {
     const Bank *bank = &evaluation->bank;
     const Forces *forces = &knowledge->forces;
@@ -8,10 +9,18 @@ static void learn(Knowledge *knowledge, const Evaluation *evaluation, long n, do
     const double *members_n = evaluation->members_n[i];
     double range_n = forces->high_n - forces->low_n, step_n = force_n - members_n[ZOH];
     double error_n = force_n - evaluation->force_n[i];
-    double h = least(most(bank->period_s, 1e-4), 0.05);
-    renew_stops(&knowledge->experts, bank->radii_m);
+    double h = least(most(bank->periods_s[i], 1e-4), 0.05), row[1][ROW], radii_m[STOPS];
+    memcpy(row, evaluation->rows[i], sizeof row);
+    fill_radii(radii_m, bank->octaves[i]);
+    if (bank->octaves[i] > knowledge->octave) {
+        knowledge->octave = bank->octaves[i];
+        renew_stops(&knowledge->experts, radii_m);
+    }
+    for (int k = 0; k < STOPS; k++) /* of a sample that comes out of order, from before the octave */
+        if (radii_m[k] != knowledge->experts.radii_m[k])
+            clear_stop(row, 1, k);
     if (!at_rest(bank, n)) {
-        learn_experts(&knowledge->experts, evaluation->rows[i], bank->t_s[i], step_n, force_n - forces->first_n, h);
+        learn_experts(&knowledge->experts, row[0], bank->t_s[i], step_n, force_n - forces->first_n, h);
         judge_trial(&knowledge->trial, force_n, evaluation->force_n[i], members_n[ZOH], h);
     }
     knowledge->predicted_n2 += h * square(error_n);

@@ -32,9 +32,11 @@ typedef struct {
     double restart;
     double stops_m[8];
     double radii_m[8];
-    double renewed[8];
     double slow_m[3];
     double slow_friction[3];
+    double periods_s[8192];
+    double octaves[8192];
+    double since_moved_s[8192];
     double t_s[8192];
     double x_m[8192];
     double phi[8192][42];
@@ -150,6 +152,7 @@ typedef struct {
 } Trial;
 
 typedef struct {
+    double octave;
     double predicted_n2;
     double zoh_n2;
     Forces forces;

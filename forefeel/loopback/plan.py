@@ -1,5 +1,6 @@
 """Plan of a loopback run: the settings of both ends, from a preset or from a measured recording."""
 
+import json
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -15,7 +16,8 @@ from forefeel.common.model_file import load_model
 from forefeel.common.recording.units import Mapping
 from forefeel.common.transport.settings import PRESETS
 from forefeel.loopback.viewer import CELL
-from forefeel.master.settings import MasterSettings
+from forefeel.master.prior import load
+from forefeel.master.settings import MasterSettings, PredictionSettings
 from forefeel.report.vessel import RECORDED, VesselSettings
 from forefeel.slave.plant.presets import PRESETS as WORLDS
 from forefeel.slave.plant.settings import WorldSettings
@@ -28,6 +30,8 @@ AXIS = "insertion"
 OUR_WORLDS = Path(__file__).parents[1] / "devices" / "mujoco"
 STATE = "state"
 """Folder of both ends' event logs and flight records."""
+PRIOR, MODEL = "prior", "model"
+"""Names in the metadata table `run` of what the prediction starts from, as JSON; each is there if used."""
 DEFAULT_DURATION_S = 20.0  # s of a run
 _DEFAULT_PRESET = "catheter"
 _WORLD_MAX_N = {"catheter": 3.0, "guidewire": 0.3}
@@ -174,6 +178,12 @@ def make_plan(options: LoopbackOptions) -> Plan:
             instrument=_instrument(options),
             patient=options.patient or "simulated",
         )
+        wanted = checked(PredictionSettings, master_axis["prediction"], "--prior-dir")
+        prior, _ = load(wanted, options.accept_prior)
+        if prior is not None:
+            metadata[PRIOR] = json.dumps(asdict(prior))  # before the run, which replaces what is stored
+    if options.master_model is not None:
+        metadata[MODEL] = json.dumps(load_model(options.master_model).to_mapping())
     both = {"cell": CELL, "impairment": {"inbound": options.impairment, "seed": options.seed}}
     return Plan(
         slave={**both, "axes": [slave_axis]},

@@ -25,6 +25,7 @@ ANSWERS = {
     "diagnose @/recordings/strokes.csv --out @/out": "diagnosis.json",
     "investigate @/recordings/strokes.csv --seconds 10 --out @/out": "question.json",
     "report @/run.mcap --out @/out": "report.json",
+    "resimulate @/run.mcap": None,
     "loopback --virtual-time --duration 3 --seed 1 --out @/out": "report.json",
 }
 """A command line -> the file of the document that it answers with `--json`, where it writes one."""

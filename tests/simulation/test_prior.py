@@ -12,7 +12,7 @@ from forefeel.report.summary import summarise
 
 
 def run(folder: Path, seed: int, **changed: Any) -> RunReport:  # noqa: ANN401 - options
-    asked = {"duration_s": 9.0, "patient": "B", **changed}
+    asked = {"duration_s": 10.0, "patient": "B", **changed}
     options = LoopbackOptions(impairment="paper", seed=seed, prior_dir=folder / "priors", **asked)
     loop = VirtualLoopback(make_plan(options), seed)
     loop.run(lambda _done_s: None)

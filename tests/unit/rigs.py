@@ -211,11 +211,13 @@ class FakePredictor(ForcePrediction):
         self.answer: float | None = 1.0
         self.stage_m = 0.0
         self.asked = list[tuple[int, float, float]]()
+        self.held = False
 
     def predict(
-        self, stamp_ns: int, position_m: float, velocity_m_s: float, *_: object, **__: object
+        self, stamp_ns: int, position_m: float, velocity_m_s: float, deadman: bool, *_: object, **__: object
     ) -> Estimate | None:
         self.asked.append((stamp_ns, position_m, velocity_m_s))
+        self.held = deadman
         if self.answer is None:
             return None
         return Estimate(self.answer, self.answer - 0.1, self.answer + 0.1, "friction")

@@ -6,10 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.common.estimation.evaluator import Snapshot, nothing_learned
+from forefeel.common.estimation.evaluator import nothing_learned
 from forefeel.common.messages import Grip, SafetyState
 from forefeel.master.handle import HandleReading
 from forefeel.master.haptics import Clutch, HapticInputs, HapticLoop, HapticOutputs, NewestForce
+from forefeel.master.prediction import Identified
 from forefeel.master.rendering import Rendered
 from forefeel.master.settings import RenderingSettings
 from tests.messages import force
@@ -22,7 +23,7 @@ SETTINGS = RenderingSettings()
 LATE = force(1, 0, (1, 0), force_n=0.7)
 
 
-NOTHING = Snapshot(nothing_learned(), None)
+NOTHING = Identified(nothing_learned(), None)
 
 
 class Bench:
@@ -37,6 +38,7 @@ class Bench:
         self.state: S | None = S.ARMED
         self.stage_m: float | None = 0.02
         self.reading = HandleReading(0.1, 0.003, True)
+        self.in_session, self.released = True, False
 
     def tick(self, ticks: int = 1, fresh: bool = True) -> HapticOutputs:
         for _ in range(ticks):
@@ -44,7 +46,9 @@ class Bench:
             if fresh:
                 self.heard_ns = self.now_ns
             newest = None if self.heard_ns is None else NewestForce(LATE, self.heard_ns, self.late_ns)
-            inputs = HapticInputs(self.reading, self.state, self.stage_m, newest, NOTHING)
+            inputs = HapticInputs(
+                self.reading, self.state, self.stage_m, newest, NOTHING, {}, self.in_session, self.released
+            )
             out = self.loop.tick(self.now_ns, inputs)
             position_m, velocity_m_s = self.reading[:2]
             self.reading = self.reading._replace(position_m=position_m + velocity_m_s * 1e-3)
@@ -74,6 +78,23 @@ def test_the_model_sees_the_position_of_the_command_and_the_velocity_of_the_hand
     assert out.position_m == pytest.approx(0.025)
     assert bench.predictor.asked[-1] == (bench.now_ns, out.position_m, 0.003)
     assert out.velocity_m_s == 0.003
+
+
+def test_the_model_is_told_what_is_commanded_and_nothing_before_the_session() -> None:
+    bench = Bench()
+    bench.in_session = False
+    assert bench.tick().predicted is None
+    assert not bench.predictor.asked
+    bench.in_session = True
+    bench.reading = HandleReading(0.105, 0.003, False)
+    out = bench.tick()
+    assert bench.predictor.asked[-1][2] == out.velocity_m_s == 0.0  # the stage does not follow this hand
+    bench.reading = HandleReading(0.105, 0.003, True)
+    bench.tick()
+    assert bench.predictor.held
+    bench.released = True
+    bench.tick()
+    assert not bench.predictor.held
 
 
 def test_feedback_that_stops_coming_is_felt_for_the_stale_time_and_fades_after_it() -> None:

@@ -60,6 +60,25 @@ def test_no_prediction_is_further_from_the_newest_force_than_the_reach() -> None
     assert learned_n > 0.1
 
 
+def test_what_a_force_teaches_does_not_depend_on_the_motion_since() -> None:
+    random = np.random.default_rng(3)
+    t = np.cumsum(random.uniform(5e-3, 15e-3, 1500))
+    x = np.where((t > 5.0) & (t < 9.0), 0.0, 0.002 * t * np.sin(3.0 * t))  # wider and wider, with a rest
+    learned = []
+    for late in 40, 70:
+        evaluator = Evaluator()
+        learner = Learner(evaluator)
+        for n in range(len(t)):
+            if n >= 30:  # the loop hears every force at once, whenever the task learns from it
+                evaluator.hear(t[n - 30], 20.0 * x[n - 30] ** 2)
+            evaluator.move(t[n], x[n], x[n], 0.0)
+            evaluator.predict()
+            if late <= n < 1400 + late:
+                learner.take(t[n - late], 20.0 * x[n - late] ** 2)
+        learned.append(learner.publish().learned.values.tobytes())
+    assert learned[0] == learned[1]
+
+
 def test_a_force_that_is_none_right_after_the_third_changes_nothing() -> None:
     evaluator = Evaluator()
     for n, force_n in enumerate((1.0, 1.0, 2.0)):
