@@ -10,6 +10,7 @@ one.
 import json
 import os
 from contextlib import suppress
+from dataclasses import asdict
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Self
@@ -19,6 +20,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from forefeel.common.config import checked
 from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.common.estimation.contact_prior import ContactPrior, widened
+from forefeel.common.estimation.path_force import PathForce
 from forefeel.common.messages import MOST_PARAMETER, MOST_SECONDS, Name, Parameter
 from forefeel.common.state.folder import own_file, sync_folder
 
@@ -41,6 +43,19 @@ class _Keys(BaseModel):
     patient: Key
 
 
+class StoredPath(BaseModel):
+    """See `PathForce`."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    low_m: Parameter
+    step_m: Parameter
+    length_m: Parameter
+    elastic_n: tuple[Parameter, ...]
+    friction_n: tuple[Parameter, ...]
+    noise_n: Parameter
+
+
 class StoredPrior(_Keys):
     """One file. `date`: of the newest of its `sessions`; for the other fields see `ContactPrior`."""
 
@@ -50,6 +65,7 @@ class StoredPrior(_Keys):
     names: Annotated[tuple[Name, ...], Field(min_length=1, max_length=_MOST_NAMES)]
     values: tuple[Parameter, ...]
     covariance: tuple[tuple[_Covariance, ...], ...]
+    path: StoredPath | None = None
 
     @model_validator(mode="after")
     def _is_a_prior(self) -> Self:
@@ -61,7 +77,8 @@ class StoredPrior(_Keys):
         return f"{self.sessions} session{'s' * (self.sessions > 1)}, {self.contact_s:.0f} s of contact"
 
     def prior(self) -> ContactPrior:
-        return ContactPrior(self.names, self.values, self.covariance, self.contact_s)
+        path = None if self.path is None else PathForce(**self.path.model_dump())
+        return ContactPrior(self.names, self.values, self.covariance, self.contact_s, path)
 
 
 class Start(NamedTuple):
@@ -158,6 +175,7 @@ def keep_prior(
         "names": learned.names,
         "values": learned.values,
         "covariance": learned.covariance,
+        "path": None if learned.path is None else asdict(learned.path),
     }
     stored = checked(StoredPrior, data, str(path))
     _write(path, {"schema": SCHEMA, **stored.model_dump(mode="json")})

@@ -13,9 +13,10 @@ import numpy as np
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.motion import NO_COLUMNS, Columns
 from forefeel.common.causes.runtime import ContactRuntime
-from forefeel.common.estimation.contact_fit import CHANGED_BY, Contact, Fitting
+from forefeel.common.estimation.contact_fit import CHANGED_BY, TAUGHT_LEAD, Contact, Fitting
 from forefeel.common.estimation.contact_model import Causes, MotionExtent
 from forefeel.common.estimation.contact_prior import ContactPrior, widened
+from forefeel.common.estimation.path_force import PathForce
 from forefeel.common.estimation.sensor_model import Sense, SensorModel
 from forefeel.common.estimation.state_filter import GAP_S
 
@@ -47,6 +48,7 @@ class ContactFit:
         prior = self._causes.with_loaded(prior)
         self._sensor = SensorModel(loaded or ContactModel("", ()))
         self._belief = self._causes.belief(prior)
+        self._path = None if prior is None else prior.path
         self.contact = None if prior is None else self._of_prior(prior)
         self._contact_s = 0.0 if prior is None else prior.contact_s
         self._samples = np.empty((5 + len(self._causes.columns), 2 * int(_WINDOW_S / _STEP_S)))
@@ -70,6 +72,9 @@ class ContactFit:
             noise_n=self._belief.noise_n,
             identifiable=(),
             contact_s=prior.contact_s,
+            path=prior.path,
+            by_place=prior.path is not None,
+            lead=TAUGHT_LEAD,
             shape=tuple(shape.tolist()),
             occasional=bool(self._belief.theta[list(self._causes.occasional)].any()),
         )
@@ -140,6 +145,7 @@ class ContactFit:
             searched=t_s < self._new_until_s,
             motion=MotionExtent(self._low_m, self._high_m),
             contact_s=self._contact_s,
+            path=self._path,
         )
 
     def apply(self, contact: Contact | None) -> None:
@@ -156,9 +162,9 @@ class ContactFit:
         else:
             self.contact = contact
             if contact.contradicted:
-                self._belief = self._causes.belief(None)
+                self._belief, self._path = self._causes.belief(None), None
             if contact.since_s > -inf:
-                self._belief = self._causes.belief(widened(contact.prior(), CHANGED_BY))
+                self._belief, self._path = self._causes.belief(widened(contact.prior(), CHANGED_BY)), None
                 retained = self._samples[:, : self._n][:, self._samples[0, : self._n] >= contact.since_s]
                 self._n = retained.shape[1]
                 self._samples[:, : self._n] = retained
@@ -179,6 +185,8 @@ class ContactExpert:
         self._effects: Sequence[tuple[str, str | None]] = ()
         self._sum_n = self.steps_n = 0.0
         self._force_n, self._renewed = nan, False
+        self._path: PathForce | None = None
+        self._direction, self._x_m = 0.0, nan
         self._sense: Sense = self._sensor.chain()
         self._sense_steps: Sense = self._sensor.chain()
 
@@ -192,6 +200,7 @@ class ContactExpert:
         else:
             self._runtime.revalue([dict(entry.parameters) for entry in contact.model.effects])
         self._theta, self._renewed = contact.theta, True
+        self._path = contact.path if contact.by_place else None
 
     def move(
         self, t_s: float, x_m: float, v_m_s: float, a_m_s2: float, dt_s: float, further: Columns = NO_COLUMNS
@@ -201,6 +210,12 @@ class ContactExpert:
             return nan
         self._runtime.follow(further)
         force_n: float = sum(map(mul, self._theta, self._runtime.regressors(t_s, x_m, v_m_s, a_m_s2, dt_s)))
+        if self._path is not None:
+            if isfinite(self._x_m):
+                direction = self._direction + (x_m - self._x_m) / self._path.length_m
+                self._direction = -1.0 if direction < -1.0 else 1.0 if direction > 1.0 else direction
+            force_n = self._path.at(x_m, self._direction)
+        self._x_m = x_m
         if self._renewed and isfinite(self._force_n - force_n):
             self._sum_n += self._force_n - force_n
         self._force_n, self._renewed = force_n, False

@@ -19,7 +19,7 @@ its prior drops it. Forces far from the predictions of the contact begin a new o
 Reference: Golub and Pereyra, Separable nonlinear least squares, Inverse Problems 19 (2003).
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
 from typing import NamedTuple
@@ -50,6 +50,7 @@ from forefeel.common.estimation.contact_model import (
 )
 from forefeel.common.estimation.contact_prior import ContactPrior, widened
 from forefeel.common.estimation.identifiability import analyse
+from forefeel.common.estimation.path_force import PathForce, path_force
 
 _TAKES_S = 0.25  # s of stamps from a fit's last sample to its use: it is computed beside the loop
 _ROW_S = 1.0 / 60.0  # s between the rows of (1)
@@ -67,6 +68,11 @@ _RECENT_S = 1.0  # s of the newest forces that show a change of the contact
 _RECALLED_S = 6.0  # s of motion up to them, for the states of friction and relaxation
 _CHANGED = 5.0  # rms of their errors over sigma that counts as changed
 CHANGED_BY = 2.0  # spread of a changed contact about the old one, over that between sessions
+# Lead of the force by place over the causes: log of the ratio of the variances of what they leave of the last
+# second, at most 1 a fit; what is left of it a fit later; with which it comes into use, and goes
+_MOST_LEAD, _FADING, _LEADS, _TRAILS = 1.0, 0.85, 2.0, 0.5
+_LEAST_N2 = 1e-18
+TAUGHT_LEAD = 4.0  # of the force by place of a prior
 _GRID = ((0, 24), (4, 11), (3, 15), (1, 7), (2, 5), (5, 5))  # coordinate of s, points
 _STEP_OF_RANGE = 0.003  # difference in place of d/dx0, over the range
 _DIFFERENCES = (0.02, 0.02, 5e-4, 5e-4, 0.05)  # in log L, log tau, Hz and log l
@@ -83,6 +89,7 @@ class Contact:
         noise_n: sigma, rms of the residual.
         identifiable: statements on parameters that the motion so far leaves undetermined.
         contact_s: seconds of contact from which it was learned.
+        path, lead: the force by place, and its lead over the causes; `by_place`: it is in use for them.
         shape, occasional: start of the next fit.
         strain: mean square distance from the prior, in standard deviations of that.
         contradicted: the prior was dropped. since_s: stamp before which samples are of another contact.
@@ -101,6 +108,14 @@ class Contact:
     strain: float = 0.0
     contradicted: bool = False
     since_s: float = -inf
+    path: PathForce | None = None
+    lead: float = 0.0
+    by_place: bool = False
+
+    @property
+    def left_n(self) -> float:
+        """rms of what is left of the force by the one that is in use."""
+        return self.path.noise_n if self.path is not None and self.by_place else self.noise_n
 
     @property
     def standard_deviations(self) -> tuple[float, ...]:
@@ -108,7 +123,8 @@ class Contact:
 
     def prior(self) -> ContactPrior:
         """The contact as a prior for a later run; it contains the prior of this run, if there was one."""
-        return ContactPrior(self.names, self.values, self.covariance, self.contact_s)
+        path = self.path if self.by_place else None
+        return ContactPrior(self.names, self.values, self.covariance, self.contact_s, path)
 
 
 Pause = Callable[[], object]
@@ -233,6 +249,7 @@ class Fitting:
     """One fit as a job that owns its arrays; `solve` is pure.
 
     `samples`: shape (5 + columns, n), stamps in s, motion in m, m/s, m/s^2, force in N, columns beside.
+    `path`: of the prior.
     """
 
     causes: Causes
@@ -242,6 +259,7 @@ class Fitting:
     searched: bool
     motion: MotionExtent
     contact_s: float
+    path: PathForce | None
 
     @property
     def takes_effect_s(self) -> float:
@@ -256,29 +274,54 @@ class Fitting:
         """
         with np.errstate(all="ignore"):
             try:
-                if self._changed():
-                    return self._refitted(pause)
-                contact = _Solver(self, pause).contact()
-                if contact is None or contact.strain <= _CONTRADICTION:
-                    return contact
-                cold = replace(self, belief=self.causes.belief(None), before=None, searched=True)
-                contact = _Solver(cold, pause).contact()
-                return contact and replace(contact, contradicted=True)
+                rests_n = self._recent_rests_n()
+                contact = self._solved(rests_n, pause)
+                return contact and self._with_path(contact, rests_n)
             except np.linalg.LinAlgError:
                 return None
 
-    def _changed(self) -> bool:
-        """True if the forces of the last second are far from the predictions of the contact so far, `before`.
-
-        Far: their rms error is over 5 times its noise. False without such a contact, and while grids are
-        searched.
+    def _solved(self, rests_n: Sequence[Array], pause: Pause) -> Contact | None:
+        """The causes, from the last second alone where they are far off, by over 5 times their noise, and the
+        force by place is as well: else they were wrong. Not while grids are searched.
         """
-        if self.before is None or self.searched:
-            return False
+        if self.before is not None and not self.searched:
+            least_n2 = min(float(np.mean(rest_n**2)) for rest_n in rests_n)
+            if least_n2 > (_CHANGED * self.before.noise_n) ** 2:
+                return self._refitted(pause)
+        contact = _Solver(self, pause).contact()
+        if contact is None or contact.strain <= _CONTRADICTION:
+            return contact
+        cold = replace(self, belief=self.causes.belief(None), before=None, searched=True)
+        contact = _Solver(cold, pause).contact()
+        return contact and replace(contact, contradicted=True)
+
+    def _recent_rests_n(self) -> list[Array]:
+        """Rests of the last second, which no fit has seen: of the causes as they were, and of the force by
+        place; none before a fit.
+        """
+        if self.before is None:
+            return []
         motion = _motion(self.causes, self.samples[:, self.samples[0] > self.samples[0, -1] - _RECALLED_S])
         columns = self.before.model.runtime().columns(motion, sensed=True)
-        off = (motion.force - columns @ np.array(self.before.theta))[motion.t > motion.t[-1] - _RECENT_S]
-        return bool(np.sqrt(np.mean(off**2)) > _CHANGED * self.before.noise_n)
+        foretold = [columns @ np.array(self.before.theta)]
+        foretold += [] if self.before.path is None else [self.before.path.along(motion.x)]
+        recent = motion.t > motion.t[-1] - _RECENT_S
+        return [(motion.force - force_n)[recent] for force_n in foretold]
+
+    def _with_path(self, contact: Contact, rests_n: Sequence[Array]) -> Contact:
+        """The contact with the force by place, and which of the two is in use."""
+        samples = self.samples[:, self.samples[0] >= contact.since_s]
+        weights = np.minimum(np.diff(samples[0], prepend=samples[0, 0]) / _INDEPENDENT_S, 1.0)
+        before = self.before or contact
+        prior = None if contact.contradicted or contact.since_s > -inf else self.path
+        path = path_force(samples[1], samples[4], weights, before.path, prior)
+        lead = 0.0
+        if len(rests_n) == 2:  # by how the force changes: what lasts comes back with the late force
+            of_causes, of_path = (float(np.var(rest_n)) + _LEAST_N2 for rest_n in rests_n)
+            won = float(np.clip(np.log(of_causes / of_path), -_MOST_LEAD, _MOST_LEAD))
+            lead = _FADING * before.lead + won
+        by_place = path is not None and lead > (_TRAILS if before.by_place else _LEADS)
+        return replace(contact, path=path, lead=lead, by_place=by_place)
 
     def _refitted(self, pause: Pause) -> Contact | None:
         """Contact from the samples of the last second, with the contact so far as a wide prior."""

@@ -11,6 +11,8 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
+from forefeel.common.estimation.path_force import PathForce
+
 Array = NDArray[np.float64]
 
 CONTACT = "contact_loss.contact_position_m"
@@ -33,6 +35,7 @@ class ContactPrior:
         values: in the unit that each name ends in.
         covariance: symmetric and positive definite, rows in the order of the names.
         contact_s: seconds of contact from which it was learned.
+        path: the force by place, where that was better than the parameters.
 
     Raises:
         ValueError: of another shape, not finite, or not a covariance; one line.
@@ -42,6 +45,7 @@ class ContactPrior:
     values: tuple[float, ...]
     covariance: tuple[tuple[float, ...], ...]
     contact_s: float
+    path: PathForce | None = None
 
     def __post_init__(self) -> None:
         n = len(self.names)
@@ -80,7 +84,7 @@ def joined(first: ContactPrior, second: ContactPrior) -> ContactPrior:
     covariance[n:, n:] = np.array(second.covariance)[np.ix_(more, more)]
     names = (*first.names, *(second.names[i] for i in more))
     values = (*first.values, *(second.values[i] for i in more))
-    return ContactPrior(names, values, _rows(covariance), first.contact_s)
+    return ContactPrior(names, values, _rows(covariance), first.contact_s, first.path)
 
 
 def widened(prior: ContactPrior, by: float) -> ContactPrior:

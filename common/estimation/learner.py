@@ -183,7 +183,7 @@ class Learner:
                 self._fit.apply(contact)
                 if contact is not None:
                     blend = self._knowledge.values["blend"]
-                    blend["unexplained_n"] = contact.noise_n
+                    blend["unexplained_n"] = contact.left_n
                     if contact.contradicted:
                         blend["taught"] = 0.0
                 self.fits += 1
