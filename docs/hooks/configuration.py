@@ -11,6 +11,7 @@ from docs.hooks.units import unit_of
 from docs.hooks.values import default, models, values
 from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalibration
 from forefeel.common.transport.settings import PRESETS as IMPAIRMENTS
+from forefeel.loopback.plan import WorldFile
 from forefeel.master.settings import MasterSettings
 from forefeel.network_settings import ObserverSettings, RouterSettings
 from forefeel.report.vessel import VesselSettings
@@ -23,6 +24,7 @@ ROOTS: dict[str, type[BaseModel]] = {
     "The recorder's and the viewer's file": ObserverSettings,
     "The router's file": RouterSettings,
     "The vessel on the page": VesselSettings,
+    "The world of `loopback --world`": WorldFile,
     "The calibration of a load cell": LoadCellCalibration,
     "The calibration of a stage": StageCalibration,
 }

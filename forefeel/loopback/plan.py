@@ -14,7 +14,9 @@ from forefeel.common.errors import ConfigurationError, RecordingError
 from forefeel.common.estimation.state_filter import GAP_S
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.units import Mapping
+from forefeel.common.settings import AxisLimits
 from forefeel.common.transport.settings import PRESETS
+from forefeel.devices.simulated.settings import OperatorSettings
 from forefeel.loopback.viewer import CELL
 from forefeel.master.prior import load
 from forefeel.master.settings import MasterSettings, PredictionSettings
@@ -72,9 +74,9 @@ class WorldFile(Settings):
     """
 
     simulation: WorldSettings
-    limits: dict[str, Any] = Field(default_factory=dict)
+    limits: AxisLimits = AxisLimits()
     force_scale: Annotated[float, Field(gt=0.0, le=100.0)] = 1.0
-    operator: dict[str, Any] = Field(default_factory=dict)
+    operator: OperatorSettings = OperatorSettings()
 
 
 @dataclass(frozen=True, slots=True)
@@ -236,10 +238,10 @@ def _axes(options: LoopbackOptions) -> tuple[dict[str, Any], dict[str, Any]]:
     }
     if options.world is not None:
         world = _world_file(options.world)
-        limits |= world.limits
+        limits |= world.limits.model_dump(mode="json", exclude_unset=True)
         slave_axis["simulation"] = world.simulation.model_dump(mode="json")
         master_axis["rendering"]["force_scale"] = world.force_scale
-        master_axis["handle"] |= world.operator
+        master_axis["handle"] |= world.operator.model_dump(mode="json", exclude_unset=True)
     return slave_axis, master_axis
 
 
