@@ -28,7 +28,8 @@ def time_offset_s(time_s: Floats, estimate_n: Floats, force_n: Floats) -> float 
     order = np.argsort(time_s, kind="stable")
     time_s, estimate_n, force_n = time_s[order], estimate_n[order], force_n[order]
     grid_s = np.arange(time_s[0], time_s[-1], _STEP_S)
-    after = np.searchsorted(time_s, grid_s).clip(min=1)
+    # rounding may take the last place of the grid past the end
+    after = np.searchsorted(time_s, grid_s).clip(1, len(time_s) - 1)
     apart = time_s[after] - time_s[after - 1] > GAP_S
     late, true = (np.where(apart, np.nan, np.interp(grid_s, time_s, of)) for of in (estimate_n, force_n))
     n, most = len(grid_s), min(round(LONGEST_OFFSET_S / _STEP_S), len(grid_s) // 2)

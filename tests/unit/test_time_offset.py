@@ -38,3 +38,10 @@ def test_what_does_not_vary_or_is_too_late_has_none() -> None:
     pulse = np.exp(-(((T - 8.0) / 0.8) ** 2))
     later = np.exp(-(((T - 8.0 - 1.5 * LONGEST_OFFSET_S) / 0.8) ** 2))
     assert time_offset_s(T, later, pulse) is None
+
+
+def test_stamps_whose_grid_is_rounded_past_their_end_are_read() -> None:
+    time_s = np.asarray(0.1 + 0.001 * np.arange(21), dtype=np.float64)
+    assert np.arange(time_s[0], time_s[-1], 0.005)[-1] > time_s[-1]
+    force_n = np.sin(300.0 * time_s)
+    assert time_offset_s(time_s, force_n, force_n) == pytest.approx(0.0, abs=1e-3)
