@@ -60,8 +60,7 @@ def felt_text(score: "Transparency | None") -> str:
     if score is None:
         return "not judged: only a simulated world knows the true force"
     within = f"unnoticeable {share(score.within_jnd)} of the time"
-    offset = f"{offset_text(score.offset_s)} in place of {offset_text(score.held_offset_s)}"
-    return f"{error_text(score.felt, score.held, score.ratio)}; {offset}; {within}"
+    return f"{error_text(score.felt, score.held, score.ratio)}; {within}"
 
 
 def offset_text(offset_s: float | None) -> str:
