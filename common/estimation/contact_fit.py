@@ -19,25 +19,15 @@ its prior drops it. Forces far from the predictions of the contact begin a new o
 Reference: Golub and Pereyra, Separable nonlinear least squares, Inverse Problems 19 (2003).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from forefeel.common.causes.base import (
-    ContactEffect,
-    FactorEffect,
-    ForceEffect,
-    MotionEffect,
-    SensorEffect,
-    Site,
-)
-from forefeel.common.causes.model import ContactModel, EffectEntry
-from forefeel.common.causes.motion import Motion
-from forefeel.common.causes.runtime import SITES, WallMotion
+from forefeel.common.causes.model import ContactModel
+from forefeel.common.estimation.contact_columns import Pause, RegressorColumns, motion_of
 from forefeel.common.estimation.contact_model import (
     SHAPE,
     Array,
@@ -127,111 +117,6 @@ class Contact:
         return ContactPrior(self.names, self.values, self.covariance, self.contact_s, path)
 
 
-Pause = Callable[[], object]
-"""Called between the pieces of a fit, which take some .05 ms each."""
-
-
-class _Block(NamedTuple):
-    """The columns of one cause at the rows, times sqrt(w), shape (its theta, rows)."""
-
-    entry: EffectEntry
-    gate: EffectEntry | None
-    effect: ForceEffect
-    rows: Array
-
-
-def _motion(causes: Causes, samples: Array) -> Motion:
-    """Motion of samples as a `Fitting` has them."""
-    return replace(Motion.of(*samples[:5]), further=dict(zip(causes.columns, samples[5:], strict=True)))
-
-
-class _Columns:
-    """Rows of phi times sqrt(w), cause by cause; a cause is computed only if the shape changes it.
-
-    A cause with a memory, or before a sensor with one, is computed on all samples, others on the rows only.
-    """
-
-    def __init__(
-        self,
-        causes: Causes,
-        motion: Array,
-        rows: NDArray[np.intp],
-        root: Array,
-        shape: Array,
-        pause: Pause,
-    ) -> None:
-        self._pause = pause
-        self._causes, self._rows, self._root = causes, rows, root
-        self._origin_s = float(motion[0, -1])
-        entries = causes.model(shape, self._origin_s).effects
-        effects = [entry.instance() for entry in entries]
-        forces = [(i, e, entries[i].site) for i, e in enumerate(effects) if isinstance(e, ForceEffect)]
-        sites = [(i, site or effect.site) for i, effect, site in forces]
-        self._sites = sorted(sites, key=lambda place: SITES.index(place[1]))
-        self._contact = next((i for i, e in enumerate(effects) if isinstance(e, ContactEffect)), None)
-        self._sensors = [e for e in effects if isinstance(e, SensorEffect) and e.linear]
-        self._factored = any(isinstance(e, FactorEffect) for e in effects)
-        stage = instrument = _motion(causes, motion)
-        for effect in effects:
-            if isinstance(effect, MotionEffect):
-                instrument = effect.moved(instrument)
-        self._motions = {"sensor": stage, "shaft": instrument, "wall": instrument}
-        self._gate: EffectEntry | None = None
-        self._walls: dict[bool, WallMotion] = {}
-        self._blocks: dict[int, list[_Block]] = {i: [] for i, _ in self._sites}
-
-    def at(self, shape: Array) -> Array:
-        """Returns the regressors phi of all rows times sqrt(w) at a shape, of shape (rows, theta).
-
-        Computes a cause only if the shape changes its parameters or, at the wall, the place of the contact;
-        with a factor effect all of them.
-        """
-        model = self._causes.model(shape, self._origin_s)
-        if self._factored:  # by the sum of all
-            m = self._motions["sensor"]
-            columns = model.runtime().columns(m, sensed=True)
-            return columns[self._rows] * self._root[:, None]
-        gate = None if self._contact is None else model.effects[self._contact]
-        if gate != self._gate:
-            self._gate, self._walls = gate, {}
-        return np.concatenate([self._block(i, model.effects[i], site).rows for i, site in self._sites]).T
-
-    def _block(self, i: int, entry: EffectEntry, site: Site) -> _Block:
-        """Returns the columns of effect i at `site`, one of the last two that are kept, or computes them.
-
-        `entry`: its parameters now. Calls `_pause` before it computes.
-        """
-        recent = self._blocks[i]
-        for place, block in enumerate(recent):
-            if block.entry == entry and (site != "wall" or block.gate == self._gate):
-                recent.insert(0, recent.pop(place))
-                return block
-        self._pause()
-        effect = next((block.effect for block in recent if block.entry == entry), None) or entry.instance()
-        assert isinstance(effect, ForceEffect)
-        everywhere = effect.remembers or bool(self._sensors)
-        if site == "wall":
-            columns = self._wall(everywhere).columns(effect)
-        else:
-            columns = effect.columns(self._motion(site, everywhere))
-        for sensor in self._sensors:
-            columns = np.stack([sensor.reading(self._motions[site], phi) for phi in columns.T], axis=1)
-        rows = (columns[self._rows] if everywhere else columns).T * self._root
-        recent[:] = [_Block(entry, self._gate, effect, rows), *recent[:1]]
-        return recent[0]
-
-    def _wall(self, everywhere: bool) -> WallMotion:
-        """Motion in contact at the present gate, of all samples or of the rows; computed once per gate."""
-        if everywhere not in self._walls:
-            contact = None if self._gate is None else self._gate.instance()
-            assert contact is None or isinstance(contact, ContactEffect)
-            self._walls[everywhere] = WallMotion(contact, self._motion("wall", everywhere))
-        return self._walls[everywhere]
-
-    def _motion(self, site: Site, everywhere: bool) -> Motion:
-        return self._motions[site] if everywhere else self._motions[site][self._rows]
-
-
 @dataclass(frozen=True, eq=False)
 class _Point:
     """A shape with its theta(s) and J; `acts`: mask of theta not held at 0, `p0`: diagonal of P_0^-1."""
@@ -301,7 +186,7 @@ class Fitting:
         """
         if self.before is None:
             return []
-        motion = _motion(self.causes, self.samples[:, self.samples[0] > self.samples[0, -1] - _RECALLED_S])
+        motion = motion_of(self.causes, self.samples[:, self.samples[0] > self.samples[0, -1] - _RECALLED_S])
         columns = self.before.model.runtime().columns(motion, sensed=True)
         foretold = [columns @ np.array(self.before.theta)]
         foretold += [] if self.before.path is None else [self.before.path.along(motion.x)]
@@ -344,7 +229,7 @@ class _Solver:
         self._y, self._count = y[rows] * np.sqrt(w), float(w.sum())
         self._spread2 = max(float(np.cov(y[rows], aweights=w, bias=True)), 1e-18)
         self._mean, self._sd = job.belief.shape_of(job.motion)
-        self._columns = _Columns(job.causes, job.samples, rows, np.sqrt(w), self._mean, pause)
+        self._columns = RegressorColumns(job.causes, job.samples, rows, np.sqrt(w), self._mean, pause)
         self._differences = np.array([_STEP_OF_RANGE * job.motion.range_m, *_DIFFERENCES])
         self._noise2_before, self._noise_count = self._spread2 * _COLD_NOISE**2, _COLD_COUNT
         if isfinite(job.belief.noise_n):

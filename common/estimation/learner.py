@@ -20,7 +20,7 @@ from forefeel.common.estimation.bank import NO_OCTAVE, RING
 from forefeel.common.estimation.blend import Blend
 from forefeel.common.estimation.change_detection import Change, Trial
 from forefeel.common.estimation.contact import Contact, ContactFit, Fitting
-from forefeel.common.estimation.contact_fit import Pause
+from forefeel.common.estimation.contact_columns import Pause
 from forefeel.common.estimation.contact_prior import ContactPrior
 from forefeel.common.estimation.evaluator import Evaluator, Learned, Reading, Snapshot
 from forefeel.common.estimation.experts import Learning
