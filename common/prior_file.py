@@ -36,17 +36,17 @@ Key = Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,64}$")]
 _Covariance = Annotated[float, Field(ge=-(MOST_PARAMETER**2), le=MOST_PARAMETER**2)]
 
 
-class _Keys(BaseModel):
+class _Stored(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
+
+class _Keys(_Stored):
     instrument: Key
     patient: Key
 
 
-class StoredPath(BaseModel):
+class StoredPath(_Stored):
     """See `PathForce`."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     low_m: Parameter
     step_m: Parameter

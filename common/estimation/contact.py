@@ -5,6 +5,7 @@ newest result in the loop. All times are stamps of commands.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import inf, isfinite, nan
 from operator import mul
 
@@ -48,7 +49,6 @@ class ContactFit:
         prior = self._causes.with_loaded(prior)
         self._sensor = SensorModel(loaded or ContactModel("", ()))
         self._belief = self._causes.belief(prior)
-        self._path = None if prior is None else prior.path
         self.contact = None if prior is None else self._of_prior(prior)
         self._contact_s = 0.0 if prior is None else prior.contact_s
         self._samples = np.empty((5 + len(self._causes.columns), 2 * int(_WINDOW_S / _STEP_S)))
@@ -145,7 +145,6 @@ class ContactFit:
             searched=t_s < self._new_until_s,
             motion=MotionExtent(self._low_m, self._high_m),
             contact_s=self._contact_s,
-            path=self._path,
         )
 
     def apply(self, contact: Contact | None) -> None:
@@ -162,9 +161,10 @@ class ContactFit:
         else:
             self.contact = contact
             if contact.contradicted:
-                self._belief, self._path = self._causes.belief(None), None
+                self._belief = self._causes.belief(None)
             if contact.since_s > -inf:
-                self._belief, self._path = self._causes.belief(widened(contact.prior(), CHANGED_BY)), None
+                changed = self._causes.belief(widened(contact.prior(), CHANGED_BY))
+                self._belief = replace(changed, path=None)
                 retained = self._samples[:, : self._n][:, self._samples[0, : self._n] >= contact.since_s]
                 self._n = retained.shape[1]
                 self._samples[:, : self._n] = retained

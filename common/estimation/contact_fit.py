@@ -134,7 +134,6 @@ class Fitting:
     """One fit as a job that owns its arrays; `solve` is pure.
 
     `samples`: shape (5 + columns, n), stamps in s, motion in m, m/s, m/s^2, force in N, columns beside.
-    `path`: of the prior.
     """
 
     causes: Causes
@@ -144,7 +143,6 @@ class Fitting:
     searched: bool
     motion: MotionExtent
     contact_s: float
-    path: PathForce | None
 
     @property
     def takes_effect_s(self) -> float:
@@ -198,7 +196,7 @@ class Fitting:
         samples = self.samples[:, self.samples[0] >= contact.since_s]
         weights = np.minimum(np.diff(samples[0], prepend=samples[0, 0]) / _INDEPENDENT_S, 1.0)
         before = self.before or contact
-        prior = None if contact.contradicted or contact.since_s > -inf else self.path
+        prior = None if contact.contradicted or contact.since_s > -inf else self.belief.path
         path = path_force(samples[1], samples[4], weights, before.path, prior)
         lead = 0.0
         if len(rests_n) == 2:  # by how the force changes: what lasts comes back with the late force

@@ -27,6 +27,7 @@ from forefeel.common.causes.sensor import Bias
 from forefeel.common.causes.wall import ContactLoss, MassDamperSpring, Stiffening, StressRelaxation
 from forefeel.common.estimation.contact_loaded import BASE, LoadedCauses, loaded_causes
 from forefeel.common.estimation.contact_prior import CONTACT, ContactPrior, exactly, joined, widened
+from forefeel.common.estimation.path_force import PathForce
 
 Array = NDArray[np.float64]
 
@@ -73,7 +74,9 @@ class MotionExtent(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Belief:
-    """Means and standard deviations of theta, shape and noise before any force; NaN where unknown."""
+    """Means and standard deviations of theta, shape and noise before any force; NaN where unknown. `path`:
+    the force by place, None where unknown.
+    """
 
     theta: Array
     theta_sd: Array
@@ -81,6 +84,7 @@ class Belief:
     shape_sd: Array
     noise_n: float
     noise_sd_n: float
+    path: PathForce | None = None
 
     def shape_of(self, motion: MotionExtent) -> tuple[Array, Array]:
         """Mean and standard deviation of the shape, typical ones for that motion where unknown."""
@@ -224,7 +228,8 @@ class Causes:
                 value, sd = known[name]
                 shape[i] = np.log(max(value, 1e-300)) if _LOGARITHMIC[i] else value
                 shape_sd[i] = sd / value if _LOGARITHMIC[i] else sd
-        return Belief(theta, theta_sd, accepted(shape), shape_sd, *known.get(NOISE, (nan, nan)))
+        noise = known.get(NOISE, (nan, nan))
+        return Belief(theta, theta_sd, accepted(shape), shape_sd, *noise, path=prior.path)
 
     def named(self, theta: Array, shape: Array, covariance: Array) -> tuple[Array, Array]:
         """Returns values, in SI units, and covariance of all `names` but the last, from theta and shape.

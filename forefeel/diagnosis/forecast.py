@@ -64,14 +64,11 @@ class Rivals:
 def _fits(diagnosed: Diagnosed) -> dict[tuple[str, ...], ModelFit]:
     """Fits of the rivals, by the names of their causes; the simulation alone first."""
     analysis, search = diagnosed.analysis, diagnosed.analysis.search
-    base, fits = analysis.base, {(): analysis.base, _causes_of(analysis.fit): analysis.fit}
+    searched = tuple(sorted(base_name(name) for name in analysis.fit.model if name != "bias"))
+    base, fits = analysis.base, {(): analysis.base, searched: analysis.fit}
     for name in dict.fromkeys(chain.from_iterable(diagnosed.diagnosis.rivals)):
         forms = [form for form in search.names if base_name(form) == name and form not in base.model]
         fitted = [fit for form in forms if (fit := search.best_with(base, form)) is not None]
         if fitted and len(fits) < _MOST_RIVALS:
             fits.setdefault((name,), min(fitted, key=lambda fit: fit.score))
     return fits
-
-
-def _causes_of(fit: ModelFit) -> tuple[str, ...]:
-    return tuple(sorted(base_name(name) for name in fit.model if name != "bias"))

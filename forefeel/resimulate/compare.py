@@ -22,7 +22,7 @@ from forefeel.terminal import answer, table
 
 
 @dataclass(frozen=True, slots=True)
-class Score:
+class VersionScore:
     """Error of a version's predictions; `coverage_95`: share of the forces in their band."""
 
     version: str
@@ -45,8 +45,8 @@ class Resimulated:
     scored: int
     identical: float
     difference: ErrorSize
-    recorded: Score
-    now: Score
+    recorded: VersionScore
+    now: VersionScore
     zoh: ErrorSize
     ratio: float
     lost: int
@@ -107,10 +107,12 @@ def _resimulated(run: Run, axis: str) -> Resimulated:
     )
 
 
-def _score(version: str, predictions_n: Floats, force_n: Floats) -> Score:
+def _score(version: str, predictions_n: Floats, force_n: Floats) -> VersionScore:
     predicted_n, low_n, high_n = predictions_n
     inside = (low_n <= force_n) & (force_n <= high_n)
-    return Score(version, error_size(predicted_n, force_n), float(np.mean(inside)) if len(inside) else 0.0)
+    return VersionScore(
+        version, error_size(predicted_n, force_n), float(np.mean(inside)) if len(inside) else 0.0
+    )
 
 
 def _title(session: Resimulated) -> str:

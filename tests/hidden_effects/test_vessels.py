@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from forefeel.devices.mujoco.path import GUIDE_M, Path, Piece
-from forefeel.devices.mujoco.wire import STEP_S, EscapedError, Wire, World
+from forefeel.devices.mujoco.wire import STEP_S, EscapedError, Guidewire, WireChain
 from tests.hidden_effects.laboratory.score import judge
 from tests.hidden_effects.vessels import draw
 from tests.hidden_effects.vessels.draw import KINDS, drawn_path
@@ -25,7 +25,7 @@ def _bend(curvature: float, angle: float) -> Path:
 @pytest.mark.parametrize("segment_m", [2e-3, 4e-3])
 def test_a_cantilever_bends_by_p_l3_over_3_ei(segment_m: float) -> None:
     length_m, load_n, stiffness = 0.06, 1e-3, 1e-4
-    world = World(Wire(stiffness, 2e-4, length_m, segment_m, soft_tip=False), None, 0.1)
+    world = Guidewire(WireChain(stiffness, 2e-4, length_m, segment_m, soft_tip=False), None, 0.1)
     world.data.xfrc_applied[-1, [1, 5]] = load_n, 0.5 * load_n * segment_m  # at the end of the last segment
     for _ in range(round(1.5 / STEP_S)):
         world.step(0.0, 0.0)
@@ -35,8 +35,8 @@ def test_a_cantilever_bends_by_p_l3_over_3_ei(segment_m: float) -> None:
 @pytest.mark.parametrize("friction", [0.1, 0.3])
 def test_a_wire_pulled_round_a_bend_gains_exp_mu_theta(friction: float) -> None:
     pulled_n, speed, angle = 0.2, 0.01, 0.5 * pi
-    wire = Wire(5e-5, 2e-4, 0.05 + 0.03 * angle, 3e-3, soft_tip=False)
-    world = World(wire, _bend(1.0 / 0.03, angle), friction)
+    wire = WireChain(5e-5, 2e-4, 0.05 + 0.03 * angle, 3e-3, soft_tip=False)
+    world = Guidewire(wire, _bend(1.0 / 0.03, angle), friction)
     pulls = []
     for i in range(-1, round(0.4 / STEP_S)):
         last = world.nodes[-1] - world.nodes[-2]
@@ -51,7 +51,7 @@ def test_a_wire_pulled_round_a_bend_gains_exp_mu_theta(friction: float) -> None:
 
 
 def test_a_wire_that_rests_stays_where_friction_holds_it() -> None:
-    world = World(Wire(2e-4, 2.5e-4, 0.1, 3e-3), _bend(1.0 / 0.03, radians(80.0)), 0.2)
+    world = Guidewire(WireChain(2e-4, 2.5e-4, 0.1, 3e-3), _bend(1.0 / 0.03, radians(80.0)), 0.2)
     world.settle()
     for i in range(round(0.2 / STEP_S)):
         world.step(0.02 * i * STEP_S, 0.02)
@@ -61,7 +61,7 @@ def test_a_wire_that_rests_stays_where_friction_holds_it() -> None:
 
 
 def test_a_wire_that_leaves_its_vessel_is_refused() -> None:
-    world = World(Wire(5e-4, 3e-4, 0.1, 3e-3), _bend(1.0 / 0.008, radians(170.0)), 0.2)
+    world = Guidewire(WireChain(5e-4, 3e-4, 0.1, 3e-3), _bend(1.0 / 0.008, radians(170.0)), 0.2)
     with pytest.raises(EscapedError, match="outside"):
         for _ in range(200):
             world.step(0.0, 0.0)
@@ -87,7 +87,7 @@ def test_a_vessel_has_both_walls_all_along_and_none_within(kind: str) -> None:
 
 def test_the_engine_gives_the_same_again() -> None:
     def pushed() -> list[float]:
-        world = World(Wire(2e-4, 2.5e-4, 0.1, 3e-3), _bend(1.0 / 0.03, radians(80.0)), 0.2)
+        world = Guidewire(WireChain(2e-4, 2.5e-4, 0.1, 3e-3), _bend(1.0 / 0.03, radians(80.0)), 0.2)
         world.settle()
         return [world.step(0.02 * i * STEP_S, 0.02) for i in range(200)]
 

@@ -12,7 +12,7 @@ from forefeel.common.causes.model import SCHEMA
 from forefeel.common.errors import ConfigurationError, DeviceError
 from forefeel.common.hardware import driver
 from forefeel.common.hardware.driver import Driver, installed_driver
-from forefeel.devices.mujoco.model import Model
+from forefeel.devices.mujoco.model import MujocoModel
 from forefeel.devices.mujoco.settings import MujocoSettings
 from forefeel.slave.plant.foreign import WorldDriverSettings
 from forefeel.slave.plant.settings import world_settings
@@ -122,10 +122,10 @@ MJCF = """
 </mujoco>"""
 
 
-def model(tmp_path: Path, step_s: float = 5e-4, **settings: object) -> Model:
+def model(tmp_path: Path, step_s: float = 5e-4, **settings: object) -> MujocoModel:
     (tmp_path / "wall.xml").write_text(MJCF.format(step_s=step_s))
     given: dict[str, Any] = {"drive": "slide", "force": "gap", "force_sign": -1, "unit_m": 1e-3, **settings}
-    return Model(MujocoSettings(driver="mujoco", model=tmp_path / "wall.xml", **given))
+    return MujocoModel(MujocoSettings(driver="mujoco", model=tmp_path / "wall.xml", **given))
 
 
 def test_a_model_in_millimetres_moves_as_the_carriage_and_says_its_sensor(tmp_path: Path) -> None:
@@ -163,5 +163,5 @@ def test_what_a_model_lacks_is_named(tmp_path: Path, settings: dict[str, Any], m
 def test_a_file_that_is_no_model_is_refused_in_a_line(tmp_path: Path) -> None:
     (tmp_path / "no.xml").write_text("<mujoco><nothing/></mujoco>")
     with pytest.raises(ConfigurationError, match="expected an MJCF model") as caught:
-        Model(MujocoSettings(driver="mujoco", model=tmp_path / "no.xml", drive="a", force="b"))
+        MujocoModel(MujocoSettings(driver="mujoco", model=tmp_path / "no.xml", drive="a", force="b"))
     assert "\n" not in str(caught.value)

@@ -3,7 +3,7 @@
 from forefeel.common.hardware.driver import Driver
 from forefeel.devices.mujoco import settings as s
 
-MODEL = Driver(s.MujocoSettings, "forefeel.devices.mujoco.model:Model", "a MuJoCo model (MJCF)")
+MODEL = Driver(s.MujocoSettings, "forefeel.devices.mujoco.model:MujocoModel", "a MuJoCo model (MJCF)")
 VESSEL = Driver(
     s.GuidewireSettings, "forefeel.devices.mujoco.vessel:make_vessel", "a guidewire in a vessel, by MuJoCo"
 )

@@ -11,7 +11,7 @@ _PERIOD_S = 1e-3
 _Kind = mujoco.mjtObj
 
 
-class Model:
+class MujocoModel:
     """The model of an MJCF file, its drive at `inserted_m`.
 
     Attributes:

@@ -5,10 +5,10 @@ from math import radians
 from forefeel.common.errors import ConfigurationError
 from forefeel.devices.mujoco.path import GUIDE_M, WALL_M, Path, Piece
 from forefeel.devices.mujoco.settings import GuidewireSettings, PieceSettings
-from forefeel.devices.mujoco.wire import Wire, World
+from forefeel.devices.mujoco.wire import Guidewire, WireChain
 
 
-def make_vessel(settings: GuidewireSettings) -> World:
+def make_vessel(settings: GuidewireSettings) -> Guidewire:
     """The wire at rest in its vessel, with the stage at the beginning of the guide.
 
     Raises:
@@ -31,8 +31,8 @@ def make_vessel(settings: GuidewireSettings) -> World:
     if path.crosses_itself():
         raise ConfigurationError("vessel: it crosses itself; expected pieces that keep apart")
     of = settings.wire
-    wire = Wire(of.stiffness_n_m2, of.radius_m, length_m, of.segment_m, of.soft_tip)
-    world = World(wire, path, settings.friction)
+    wire = WireChain(of.stiffness_n_m2, of.radius_m, length_m, of.segment_m, of.soft_tip)
+    world = Guidewire(wire, path, settings.friction)
     world.settle()
     return world
 

@@ -30,7 +30,7 @@ class EscapedError(Exception):
 
 
 @dataclass(frozen=True)
-class Wire:
+class WireChain:
     """Bending stiffness (N m2), radius, length, and length of a segment."""
 
     stiffness_n_m2: float
@@ -49,12 +49,12 @@ class Wire:
         return np.asarray(springs)
 
 
-class World:
+class Guidewire:
     """The wire along the centre line of its vessel, without tension; `path` None: in the open. Steps of
     `period_s`.
     """
 
-    def __init__(self, wire: Wire, path: Path | None, friction: float, step_s: float = STEP_S) -> None:
+    def __init__(self, wire: WireChain, path: Path | None, friction: float, step_s: float = STEP_S) -> None:
         self._wire, self._path = wire, path
         self.model = mujoco.MjModel.from_xml_string(_mjcf(wire, path, friction, step_s))
         self.data = mujoco.MjData(self.model)
@@ -98,7 +98,7 @@ class World:
         return np.vstack([self.data.xpos[2:, :2], self.data.site_xpos[0, :2]])
 
 
-def _mjcf(wire: Wire, path: Path | None, friction: float, step_s: float) -> str:
+def _mjcf(wire: WireChain, path: Path | None, friction: float, step_s: float) -> str:
     springs, segment = wire.springs_n_m, wire.segment_m
     mass, inertia = _KG_M * segment, _KG_M * segment**3 / 12.0
     armature = wire.stiffness_n_m2 / segment * _HINGE_S**2

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from forefeel.devices.mujoco.path import GUIDE_M, Path, Piece
-from forefeel.devices.mujoco.wire import STEP_S, EscapedError, Wire, World
+from forefeel.devices.mujoco.wire import STEP_S, EscapedError, Guidewire, WireChain
 from tests.hidden_effects.laboratory.motion import Motion, Rng, log_uniform, moved, strokes, tremor
 from tests.hidden_effects.laboratory.truth import Array, Recorded, Truth
 from tests.hidden_effects.vessels.plain import left_of
@@ -55,18 +55,18 @@ def _drawn(kind: str, seed: int, lasts_s: tuple[float, float], rng: Rng) -> Reco
     guide_m = travel_m + _BEHIND_M
     vessel = drawn_path(rng, guide_m, inserted_m + travel_m + _BEHIND_M, lumen_m, KINDS[kind].bends_m)
     radius_m = 0.18e-3 * (stiffness / 5e-5) ** 0.25  # of the same metal
-    wire = Wire(stiffness, radius_m, guide_m + inserted_m, rng.uniform(2.5e-3, 3.5e-3))
+    wire = WireChain(stiffness, radius_m, guide_m + inserted_m, rng.uniform(2.5e-3, 3.5e-3))
     rate_hz, noise_n = int(rng.choice(_RATES_HZ)), rng.uniform(1e-3, 3e-3)
     step_m = log_uniform(rng, 1e-6, 1e-5)
     runs = []
     for _ in range(2):
         hand = bool(rng.random() < 0.5)
         m = _motion(rng, travel_m, rng.uniform(*lasts_s), hand)
-        time_s, x, clean_n = _sampled(m, forces(World(wire, vessel, friction), m), rate_hz)
+        time_s, x, clean_n = _sampled(m, forces(Guidewire(wire, vessel, friction), m), rate_hz)
         force_n = clean_n + noise_n * rng.normal(size=len(x))
         runs.append((hand, (time_s, np.round(x / step_m) * step_m, force_n), clean_n))
     (hand, first, clean_n), (_, second, second_n) = runs
-    elastic_n = _elastic_n(World(wire, vessel, _SMOOTH), travel_m, first[1])
+    elastic_n = _elastic_n(Guidewire(wire, vessel, _SMOOTH), travel_m, first[1])
     parts = {FRICTION[0]: clean_n - elastic_n, ELASTIC[0]: elastic_n, "": clean_n}
     share = {name: left_of(*first[:2], part) / float(np.std(clean_n)) for name, part in parts.items()}
     bent = ELASTIC if share[ELASTIC[0]] > _LEAST else ()
@@ -124,13 +124,13 @@ def _motion(rng: Rng, travel_m: float, lasts_s: float, hand: bool) -> Motion:
     return moved(t, x - x[0], 0.06)
 
 
-def forces(world: World, m: Motion) -> Array:
+def forces(world: Guidewire, m: Motion) -> Array:
     """Force of the stage at every step; `EscapedError` where the wire leaves its vessel."""
     world.settle()
     return np.array([world.step(x, v) for x, v in zip(m.x.tolist(), m.v.tolist(), strict=True)])
 
 
-def _elastic_n(world: World, travel_m: float, x: Array) -> Array:
+def _elastic_n(world: Guidewire, travel_m: float, x: Array) -> Array:
     """Force by depth without friction: the mean of a slow way in and out."""
     t = np.arange(round(4.0 / STEP_S), dtype=np.float64) * STEP_S
     m = moved(t, 0.5 * travel_m * (1.0 - np.cos(2.0 * np.pi * t / t[-1])))
