@@ -146,8 +146,10 @@ class MotionLimiter:
             velocity_m_s = 0.0
         wanted = (target_m - self.position_m) / dt_s
         feed_forward = _clip(velocity_m_s, self._velocity_m_s)
-        # the speed, relative to the target, from which it can still brake before overshooting
-        brake = _stoppable_m_s(abs(wanted - feed_forward) * dt_s, self._acceleration_m_s2, 0.5 * dt_s)
+        # The speed, relative to the target, from which it can still brake before overshooting. Behind a hand
+        # that trembles at the limit of acceleration a setpoint that brakes with all of it swings for ever.
+        brakes_m_s2, behind_m = 0.5 * self._acceleration_m_s2, abs(wanted - feed_forward) * dt_s
+        brake = _stoppable_m_s(behind_m, brakes_m_s2, 0.5 * dt_s)
         velocity = feed_forward + _clip(wanted - feed_forward, brake)
         allowed = self._before_walls(_clip(velocity, self._velocity_m_s * velocity_share), dt_s)
         capped = self._towards_contact(allowed, force_n, force_share * self._force_n, band_n, hits)

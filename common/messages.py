@@ -150,7 +150,9 @@ class MotionCommand(Message):
 class ForceSample(Message):
     """One load-cell reading with the stage readback of the same instant and the command it answers.
 
-    `setpoint_m`: what the slave's limits left of that command, with `force_limited` its force limit, too.
+    `answers_stamp_ns`: of the operator's motion that the stage follows at this instant, on the master's
+    clock: of the command, and since when the slave carries it on. `setpoint_m`: what the slave's limits left
+    of that command, with `force_limited` its force limit, too.
     """
 
     position_m: Position
@@ -172,8 +174,8 @@ class HapticSample(Message):
     """One tick of the haptic loop: what the hand did and felt. `sequence` is that of the command sent in the
     same tick.
 
-    `delay_s`: from the command `answered_sequence` to the arrival of the force that answers it, both on the
-    master's clock. `low_n`, `high_n`: the 95 % band of the prediction; `leading`: the expert that led it, or
+    `delay_s`: from the motion that the newest force answers to its arrival, both on the master's clock;
+    `answered_sequence`: the command that it followed. `low_n`, `high_n`: the 95 % band of the prediction; `leading`: the expert that led it, or
     `zoh`. `zoh_n`: the last received force, a zero-order hold. `energy_j`: what the hand has put into the
     handle since the start; negative where the rendered force gave it more than it took.
 

@@ -48,6 +48,8 @@ class BoundedQueue(Generic[T]):
 _COMMANDS = 8192
 """8.2 s of commands at 1 kHz, four times the longest round trip of a session."""
 _TICK_NS = 1_000_000
+ANSWERED_NS = 5_000_000
+"""A motion is that of the last command before it, unless it is older than this."""
 
 
 class CommandRing(Generic[T]):
@@ -60,6 +62,10 @@ class CommandRing(Generic[T]):
         self._entries[stamp_ns // _TICK_NS % _COMMANDS] = stamp_ns, value
 
     def get(self, stamp_ns: int) -> T | None:
-        """None when the command of that stamp is unknown, or too long ago."""
-        entry = self._entries[stamp_ns // _TICK_NS % _COMMANDS]
-        return entry[1] if entry is not None and entry[0] == stamp_ns else None
+        """Value of the last command up to that stamp; None where it is unknown, or too long before it."""
+        tick = stamp_ns // _TICK_NS
+        for place in range(tick, tick - ANSWERED_NS // _TICK_NS - 1, -1):
+            entry = self._entries[place % _COMMANDS]
+            if entry is not None and 0 <= stamp_ns - entry[0] < ANSWERED_NS:
+                return entry[1]
+        return None

@@ -1,11 +1,11 @@
 """The force now: the predictor on the setpoints that the stage is about to follow; and the task that learns
 from the forces that arrive late. Pure.
 
-One stamp joins everything: that of the command. The predictor moves with the setpoint that the limits leave
-of the command, and learns from the force that the slave measured while it executed that command. So the
-delay, its jitter and the two clocks stay out of it, and it is asked for just what it has learned on: the
-drive's lag is part of what it learns. The contact model is one of the instrument's tip: it moves with the
-position at which the stage is expected.
+One stamp joins everything: that of the operator's motion, which a force brings back (`ForceSample`). The
+predictor moves with the setpoint that the limits leave of a command, and learns from the force that the slave
+measured while it followed that motion. So the delay, its jitter and the two clocks stay out of it, and it is
+asked for just what it has learned on: the drive's lag is part of what it learns. The contact model is one of
+the instrument's tip: it moves with the position at which the stage is expected.
 """
 
 from collections import deque
@@ -28,6 +28,7 @@ _MAX_STEP_S = 0.010  # s, longest step of time that the limits count, as in `sla
 class _Expected(NamedTuple):
     """Position of one command, the setpoint expected for it, and the sum of the corrections by then."""
 
+    stamp_ns: int
     position_m: float
     setpoint_m: float
     corrected_m: float
@@ -49,9 +50,14 @@ class ExpectedSetpoint:
         self._sent = CommandRing[_Expected]()
         self._corrected_m = 0.0
 
+    def answered_ns(self, sample: ForceSample) -> int | None:
+        """Stamp of the last command up to the motion that a force answers; None where it is not known."""
+        sent = self._sent.get(sample.answers_stamp_ns or 0)
+        return None if sent is None else sent.stamp_ns
+
     def error_m(self, sample: ForceSample) -> float:
-        """The slave's setpoint less the one expected for the same command, in m, where the force limit acted
-        on either. All other differences are jitter, which the slave evens out.
+        """The slave's setpoint less the one expected for the same motion, in m, where the force limit acted
+        on either. All other differences are those of the way that commands take.
         """
         sent = self._sent.get(sample.answers_stamp_ns or 0)
         if sent is None or sample.setpoint_m is None or not (sample.force_limited or sent.force_limited):
@@ -96,7 +102,8 @@ class ExpectedSetpoint:
             shown_n = self._shown_n(stamp_ns, force_n)
             self._limiter.follow(position_m, velocity_m_s, shown_n, dt_s, band_n=(low_n, high_n))
         setpoint_m, force_limited = self._limiter.position_m, self._limiter.force_limited
-        self._sent.put(stamp_ns, _Expected(position_m, setpoint_m, self._corrected_m, force_limited))
+        sent = _Expected(stamp_ns, position_m, setpoint_m, self._corrected_m, force_limited)
+        self._sent.put(stamp_ns, sent)
         return setpoint_m
 
     def react(self, reaction: Reaction) -> None:
@@ -178,8 +185,10 @@ class ForcePrediction:
         return self._expected
 
     def stamp_s(self, sample: ForceSample) -> float | None:
-        """Stamp of the command that a force answers; None where it is not valid, or the fixture was open."""
-        stamp_ns, origin_ns = sample.answers_stamp_ns, self._origin_ns
+        """Stamp of the command whose motion a force answers; None where it is not known or the force not
+        valid, or the fixture was open.
+        """
+        stamp_ns, origin_ns = self.setpoint.answered_ns(sample), self._origin_ns
         usable = sample.valid and sample.gripper is Grip.CLOSED
         if stamp_ns is None or origin_ns is None or not usable:
             return None

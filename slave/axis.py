@@ -68,6 +68,7 @@ class SlaveAxis:
         self._fault: LatestValue[str] = LatestValue()
         self._clear: LatestValue[bool] = LatestValue()
         self._executing: MotionCommand | None = None
+        self._behind_ns = 0
         self._grip = Grip.CLOSED
         self._lost_reason = ""
         self._control: AxisControl | None = None
@@ -197,10 +198,11 @@ class SlaveAxis:
         setpoint = self._control.limiter.position_m, self._control.limiter.force_limited
         outputs = self._control.tick(now_ns, self._inputs(now_ns, cleared))
         holder = self._session.holder
-        self._forces.note(Instant(now_ns, self._watch.stage, self._executing, self._grip, *setpoint))
+        followed = self._executing, self._behind_ns
+        self._forces.note(Instant(now_ns, self._watch.stage, *followed, self._grip, *setpoint))
         for reading in readings:
             self._forces.send(reading, holder, self._session.offset)
-        self._executing = outputs.executing
+        self._executing, self._behind_ns = outputs.executing, outputs.behind_ns
         self._apply(outputs, now_ns)
         self.events.cycle(now_ns, outputs, self._watch, self._grip, self._control.machine.state, holder)
         self._report_transitions(now_ns, outputs.transitions)

@@ -19,7 +19,7 @@ _TRANSIT_SHARE = 1 / 500  # of each command in the usual transit: half a second 
 _CONTINUES_NS = 600_000_000_000
 """A session within ten minutes of the last goes on with the instrument where it is: the link was cut, or the
 master started again."""
-_MAX_LEAD_S = 0.020  # jitter up to this is evened out
+_MAX_LEAD_NS = 20_000_000  # jitter up to this is evened out
 Transition = tuple[SafetyState, SafetyEventName, SafetyState, str]
 
 
@@ -52,13 +52,18 @@ class ControlInputs(NamedTuple):
 
 @dataclass(slots=True)
 class ControlOutputs:
-    """Results of a tick: setpoint, or hold; grip; events. `executing`: the command that is followed."""
+    """Results of a tick: setpoint, or hold; grip; events.
+
+    `executing`: the command that is followed. `behind_ns`: the time now, less that of the operator's motion
+    which is followed: the command's stamp, and since when it is carried on.
+    """
 
     target_m: float
     velocity_m_s: float
     moving: bool
     grip: Grip
     executing: MotionCommand | None
+    behind_ns: int = 0
     transitions: list[Transition] = field(default_factory=list)
     limits: list[LimitHit] = field(default_factory=list)
 
@@ -79,7 +84,7 @@ class AxisControl:
         self._command: MotionCommand | None = None
         self._received_ns = 0
         self._usual_transit_ns: float | None = None
-        self._late_s = 0.0
+        self._behind_ns = 0
         self._released = False
         self._engaged_ns = 0
         self._zeroed_ns: int | None = None
@@ -150,6 +155,7 @@ class AxisControl:
             moving=following or self.limiter.velocity_m_s != 0.0,
             grip=self.grip,
             executing=self._command if following else None,
+            behind_ns=self._behind_ns,
             transitions=transitions,
             limits=hits,
         )
@@ -188,8 +194,8 @@ class AxisControl:
         return min(max(elapsed_s, 1e-6), _MAX_STEP_S)
 
     def _take(self, inputs: ControlInputs) -> None:
-        """Keeps a new command with its receive stamp and measures how late it came; notes that the deadman
-        was released, which engaging requires. Does nothing without a new command.
+        """Keeps a new command with its receive stamp, and how far it is behind; notes that the deadman was
+        released, which engaging requires. Does nothing without a new command.
         """
         if inputs.command is None:
             return
@@ -200,14 +206,15 @@ class AxisControl:
             self._released = True
 
     def _even_out(self, transit_ns: int) -> None:
-        """Measures how much later than usual the newest command came; the setpoint is carried on by it. So
-        jitter of the network is no jitter of the stage. The clocks' offset cancels.
+        """Measures how much later than usual the newest command came; its motion is carried on by it. So
+        jitter of the network is no jitter of the stage, which is behind the hand by the usual transit (and
+        the clocks' offset).
         """
         if self._usual_transit_ns is None:
             self._usual_transit_ns = float(transit_ns)
         late_ns = transit_ns - self._usual_transit_ns
         self._usual_transit_ns += late_ns * _TRANSIT_SHARE
-        self._late_s = min(max(late_ns * 1e-9, -_MAX_LEAD_S), _MAX_LEAD_S)
+        self._behind_ns = transit_ns - round(min(max(late_ns, -_MAX_LEAD_NS), _MAX_LEAD_NS))
 
     def _events(self, now_ns: int, inputs: ControlInputs, hits: list[LimitHit]) -> list[tuple[E, str]]:
         """Events with reasons that the inputs cause, in firing order: clear (first, so that a cause that
@@ -310,7 +317,7 @@ class AxisControl:
         assert self._command is not None
         command = self._command
         self.grip = command.gripper
-        ahead_s = max(0, now_ns - self._received_ns) * 1e-9 + self._late_s
+        ahead_s = (now_ns - self._behind_ns - command.stamp_ns) * 1e-9
         share = 1.0
         if self.machine.state is SafetyState.ENGAGING:
             share = min(1.0, (now_ns - self._engaged_ns) * 1e-9 / self._gate.engage_ramp_s)

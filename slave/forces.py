@@ -32,11 +32,14 @@ _BLIND_SHARE = 0.9
 
 
 class Instant(NamedTuple):
-    """One tick: where the stage was, the command that it executed until then, and the setpoint left of it."""
+    """One tick: where the stage was, the command that it executed until then, how far behind the hand (see
+    `ControlOutputs`), and the setpoint left of it.
+    """
 
     stamp_ns: int
     stage: StageReading
     executing: MotionCommand | None
+    behind_ns: int
     grip: Grip
     setpoint_m: float
     force_limited: bool
@@ -69,7 +72,7 @@ class ForcePublisher:
                 raw_counts=reading.raw_counts,
                 valid=reading.valid,
                 answers_sequence=executing.sequence if executing else None,
-                answers_stamp_ns=executing.stamp_ns if executing else None,
+                answers_stamp_ns=at.stamp_ns - at.behind_ns if executing else None,
                 recording_time_s=executing.recording_time_s if executing else None,
                 gripper=at.grip,
                 clock_offset_ns=clock.offset_ns if clock else None,

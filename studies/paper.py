@@ -235,11 +235,11 @@ def bench_run(instrument: str, duration_s: float, seed: int) -> ComparedRun:
         loop.write(path)
         recorded = Run(path)
     force, haptics = partial(recorded.column, AXIS, FORCE), partial(recorded.column, AXIS, HAPTICS)
-    valid, answers = force("valid").astype(bool), force("answers_sequence").astype(np.float64)
-    rows = np.flatnonzero(valid & np.isfinite(answers))
+    valid, answered_ns = force("valid").astype(bool), force("answers_stamp_ns").astype(np.float64)
+    rows = np.flatnonzero(valid & np.isfinite(answered_ns))
     index = first_answers(
-        (haptics("session_id"), haptics("sequence")),
-        (force("session_id")[rows], answers[rows]),
+        (haptics("session_id"), haptics("stamp_ns")),
+        (force("session_id")[rows], answered_ns[rows]),
         force("stamp_ns")[rows],
     )
     stamps_ns = np.unique(force("stamp_ns")[valid])  # as the recording has them

@@ -13,14 +13,13 @@ from forefeel.common.messages import (
     ModelParameters,
     SlaveState,
 )
+from forefeel.common.slots import CommandRing
 from forefeel.common.topics import MASTER_TIMING, Topic
 from forefeel.dashboard.detector import Comparison, ModelWatch
 from forefeel.dashboard.event_log import EventList
 from forefeel.dashboard.timeline import Timeline
 from forefeel.dashboard.trace import SPAN_S, MinMaxTrace, SampleRing
 
-# commands that are remembered: 8.2 s at 1 kHz, four times the longest round trip of a session
-_REMEMBERED_COMMANDS = 8192
 _RATE_HZ = 1000  # Hz, at most, of answered commands, whose delays are kept for a minute
 _AHEAD_S = 1.0  # s by which a force may lie ahead of now
 _ENERGY_BIN_S = 0.2  # s, bin of the trace of the energy, which changes slowly
@@ -76,7 +75,7 @@ class AxisView:
         self.delays = SampleRing(round(SPAN_S * _RATE_HZ), 2)
         self.worst_energy_j = 0.0
         self.had_session = False
-        self._samples: list[HapticSample | None] = [None] * _REMEMBERED_COMMANDS
+        self._samples = CommandRing[HapticSample]()
         self._answered: tuple[int, int] | None = None
         self._slip_m = 0.0
 
@@ -132,7 +131,7 @@ class AxisView:
             traces["predicted"].add(t_s, sample.predicted_n, low_n, high_n)
         if sample.zoh_n is not None:
             traces["late"].add(t_s, sample.zoh_n, nan if sample.predicted_n is None else sample.predicted_n)
-        self._samples[sample.sequence % _REMEMBERED_COMMANDS] = sample
+        self._samples.put(sample.stamp_ns, sample)
         answered = None if sample.answered_sequence is None else (sample.session_id, sample.answered_sequence)
         if sample.delay_s is not None and answered not in (None, self._answered):
             self._answered = answered
@@ -167,9 +166,6 @@ class AxisView:
         return t_s if now_s - SPAN_S < t_s < now_s + _AHEAD_S else now_s
 
     def _answered_sample(self, sample: ForceSample) -> HapticSample | None:
-        """The master's sample with the command that the force answers; None: none, or no longer retained."""
-        if sample.answers_sequence is None:
-            return None
-        haptics = self._samples[sample.answers_sequence % _REMEMBERED_COMMANDS]
-        answered = sample.session_id, sample.answers_sequence
-        return haptics if haptics is not None and (haptics.session_id, haptics.sequence) == answered else None
+        """The master's sample of the motion that the force answers; None: none, or no longer retained."""
+        haptics = self._samples.get(sample.answers_stamp_ns or 0)
+        return haptics if haptics is not None and haptics.session_id == sample.session_id else None

@@ -1,9 +1,9 @@
 """Scores of the prediction, command by command; pure functions of arrays.
 
 A prediction is made for a command. What it should have been is known later: the first force that the slave
-measured while it executed that very command. So both are paired by the command's number, not by a clock, and
-neither delay nor loss of the network enters the score. The baseline is to go on showing the newest force
-that had arrived (a zero-order hold, ZOH); it is scored on the same commands.
+measured while it followed the motion from that command to the next. So both are paired by the stamp that the
+force brings back, and neither delay nor loss of the network enters the score. The baseline is to go on
+showing the newest force that had arrived (a zero-order hold, ZOH); it is scored on the same commands.
 """
 
 from dataclasses import dataclass, field
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forefeel.common.error_size import ErrorSize, Floats, error_size
+from forefeel.common.slots import ANSWERED_NS
 
 Indices = NDArray[np.int64]
 
@@ -38,25 +39,30 @@ class Spread:
 
 
 def first_answers(
-    command_ids: tuple[NDArray[Any], NDArray[Any]],
-    answer_ids: tuple[NDArray[Any], NDArray[Any]],
+    commands: tuple[NDArray[Any], NDArray[Any]],
+    answered: tuple[NDArray[Any], NDArray[Any]],
     answer_stamp_ns: NDArray[Any],
 ) -> Indices:
     """Index, for each command, of the force that answers it first by the slave's stamps; -1: none does.
 
     Args:
-        command_ids: (session ids, sequences) of n commands.
-        answer_ids: (session ids, answered sequences) of m forces, in any order.
+        commands: (session ids, stamps in ns) of n commands, in any order.
+        answered: (session ids, stamps in ns of the answered motions) of m forces, in any order.
         answer_stamp_ns: the m forces' stamps.
     """
-    n = len(command_ids[0])
-    codes = _codes(*(np.concatenate(pair) for pair in zip(command_ids, answer_ids, strict=True)))
-    order = np.argsort(answer_stamp_ns, kind="stable")
-    answered, first = np.unique(codes[n:][order], return_index=True)
-    if not len(answered):
-        return np.full(n, -1)
-    place = np.searchsorted(answered, codes[:n]).clip(max=len(answered) - 1)
-    return np.where(answered[place] == codes[:n], order[first[place]], -1)
+    answers = np.full(len(commands[0]), -1)
+    newest_first = np.argsort(-answer_stamp_ns, kind="stable")
+    for session_id in np.unique(commands[0]):
+        sent = np.flatnonzero(commands[0] == session_id)
+        sent = sent[np.argsort(commands[1][sent], kind="stable")]
+        sent_ns = commands[1][sent].astype(np.float64)
+        forces = newest_first[answered[0][newest_first] == session_id]
+        place = np.searchsorted(sent_ns, answered[1][forces], "right") - 1
+        known = (place >= 0) & (answered[1][forces] - sent_ns[place] < ANSWERED_NS)
+        answers[sent[place[known]]] = forces[
+            known
+        ]  # where several answer, the last one that is written stays
+    return answers
 
 
 def first_of_each(session_id: NDArray[Any], sequence: NDArray[Any]) -> Indices:

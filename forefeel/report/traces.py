@@ -163,11 +163,11 @@ def _answers(run: Run, axis: str, counted: Flags) -> NDArray[np.int64]:
     """Row, for each command, of the force that answers it first, among those marked in `counted`; -1: none
     does.
     """
-    answers = run.column(axis, FORCE, "answers_sequence")
-    rows = np.flatnonzero(counted & ~np.isnan(answers))
+    answered_ns = _floats(run, axis, FORCE, "answers_stamp_ns")
+    rows = np.flatnonzero(counted & ~np.isnan(answered_ns))
     index = first_answers(
-        (run.column(axis, HAPTICS, "session_id"), run.column(axis, HAPTICS, "sequence")),
-        (run.column(axis, FORCE, "session_id")[rows], answers[rows]),
+        (run.column(axis, HAPTICS, "session_id"), run.column(axis, HAPTICS, "stamp_ns")),
+        (run.column(axis, FORCE, "session_id")[rows], answered_ns[rows]),
         run.column(axis, FORCE, "stamp_ns")[rows],
     )
     return np.append(rows, -1)[index]

@@ -93,7 +93,7 @@ def test_a_force_answers_the_command_that_the_stage_followed(impairment: str) ->
     assert len(answers) > 1000
     for sample in answers:
         command = sent[sample.answers_sequence or 0]
-        assert (command.session_id, command.stamp_ns) == (sample.session_id, sample.answers_stamp_ns)
+        assert command.session_id == sample.session_id
         age_s = (sample.stamp_ns - command.stamp_ns) / S
         assert link.delay_s - link.jitter_s < age_s < link.delay_s + link.jitter_s + WATCHDOG_S
     executed = [sample.answers_sequence or 0 for sample in answers]
@@ -101,9 +101,19 @@ def test_a_force_answers_the_command_that_the_stage_followed(impairment: str) ->
     for haptic in traffic.messages(HAPTICS):
         if haptic.delay_s is not None:
             sent_ns = sent[haptic.answered_sequence or 0].stamp_ns
-            assert 0 < round(haptic.delay_s * S) <= haptic.stamp_ns - sent_ns
+            evened_ns = 20e6  # by which a command may be early or late for its motion
+            assert 0 < haptic.delay_s * S <= haptic.stamp_ns - sent_ns + evened_ns
     delay_s = np.nanmedian(traffic.column(HAPTICS, "delay_s"))
     assert delay_s == pytest.approx(2 * link.delay_s, abs=2 * link.jitter_s + 3 * TICK_S)
+
+
+@pytest.mark.parametrize("impairment", _QUICK)
+def test_the_motion_that_a_force_answers_does_not_jitter_with_the_commands(impairment: str) -> None:
+    samples = [sample for sample in preset_run(impairment).messages(FORCE) if sample.answers_stamp_ns]
+    behind_ns = np.array([sample.stamp_ns - (sample.answers_stamp_ns or 0) for sample in samples])
+    mean_ns = 1e9 * PRESETS[impairment].delay_s
+    assert abs(np.median(behind_ns) - mean_ns) < 0.1 * mean_ns + 2e6  # a tick at either end
+    assert np.quantile(np.abs(np.diff(behind_ns)), 0.99) < 0.1e6
 
 
 @pytest.mark.parametrize("impairment", _QUICK)

@@ -43,6 +43,7 @@ class RunBuilder:
 
     def __init__(self, writer: RunWriter, axis: str = "insertion") -> None:
         self._writer, self._axis, self._numbers = writer, axis, count(1)
+        self._sent_ms = dict[int, int]()
         self.late_ms = 0
 
     def say(self, topic: Topic[Message], t_ms: int, **fields: Any) -> None:  # noqa: ANN401 - any field
@@ -61,6 +62,7 @@ class RunBuilder:
         delay_s: float | None = None,
         session_id: int = SESSION,
     ) -> None:
+        self._sent_ms[sequence] = t_ms
         self.say(
             HAPTICS, t_ms, sequence=sequence, session_id=session_id, handle_position_m=0.0,
             command_position_m=0.001 * sequence, predicted_n=predicted_n, leading="", zoh_n=zoh_n,
@@ -69,7 +71,8 @@ class RunBuilder:
         )  # fmt: skip
 
     def force(self, t_ms: int, force_n: float, answers: int | None, **fields: Any) -> None:  # noqa: ANN401
-        answered = {"answers_sequence": answers, "answers_stamp_ns": None if answers is None else START_NS}
+        sent_ns = None if answers is None else START_NS + self._sent_ms.get(answers, 0) * MS
+        answered = {"answers_sequence": answers, "answers_stamp_ns": sent_ns}
         self.say(FORCE, t_ms, position_m=0.001, force_n=force_n, raw_counts=0, **answered, **fields)
 
     def slave_state(self, t_ms: int, state: SafetyState, **fields: Any) -> None:  # noqa: ANN401

@@ -1,3 +1,5 @@
+import math
+
 import pytest
 
 from forefeel.common.limiter import LimitHit, MotionLimiter
@@ -42,9 +44,21 @@ def test_a_step_is_reached_exactly_without_overshoot_and_at_the_limits() -> None
     assert max(reached) <= 0.06 + 1e-9
     assert fastest == pytest.approx(0.2)
     took_s = next(i for i, x in enumerate(reached, 1) if abs(x - 0.06) < 1e-5) * DT_S
-    assert took_s == pytest.approx(
-        0.04 / 0.2 + 0.2 / 8.0, abs=0.005
-    )  # at full speed, plus one ramp up and down
+    ramps_s = 0.5 * 0.2 / 8.0 + 0.5 * 0.2 / 4.0  # up at the limit, down at half of it
+    assert took_s == pytest.approx(0.04 / 0.2 + ramps_s, abs=0.005)
+
+
+@pytest.mark.parametrize("behind_m", [0.0, 1e-4, 5e-4, 2e-3])
+def test_a_setpoint_that_fell_behind_catches_up_with_a_hand_that_trembles_near_the_limit(
+    behind_m: float,
+) -> None:
+    motion, w = limiter(0.05 - behind_m), 2.0 * math.pi * 12.0
+    amplitude_m = 0.9 * LIMITS.max_acceleration_m_s2 / w**2  # 1.3 mm
+    for tick in range(1000):
+        wt = w * tick * DT_S
+        asked_m, velocity_m_s = 0.05 + amplitude_m * math.sin(wt), amplitude_m * w * math.cos(wt)
+        motion.follow(asked_m, velocity_m_s, 0.0, DT_S)
+        assert tick < 500 or motion.position_m == pytest.approx(asked_m, abs=1e-9)
 
 
 @pytest.mark.parametrize("share", [0.0, 0.25, 1.0])

@@ -150,4 +150,4 @@ def test_a_queue_that_overflows_drops_the_oldest_and_counts_them() -> None:
     master = Master()
     master.step(None)
     master.learn(answer(n, 1.0) for n in range(8192 + 100))
-    assert (master.task.queue.dropped, master.task.used) == (100, 8192)
+    assert (master.task.queue.dropped, master.task.used + master.task.unused) == (100, 8192)

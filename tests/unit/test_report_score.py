@@ -20,13 +20,23 @@ Pairs = st.lists(st.tuples(st.integers(BIG, BIG + 2), st.integers(1, 6)), max_si
 def test_first_answers_agree_with_a_search(
     commands: list[tuple[int, int]], answers: list[tuple[int, int]], seed: int
 ) -> None:
+    commands = list(dict.fromkeys(commands))  # one master stamps no two alike
+    commands_ms, answers_ms = ([(i, 4 * ms) for i, ms in pairs] for pairs in (commands, answers))
     stamps = np.random.default_rng(seed).permutation(len(answers))
-    expected = []
-    for command in commands:
-        matching = [i for i, answer in enumerate(answers) if answer == command]
-        expected.append(min(matching, key=lambda i: int(stamps[i]), default=-1))
-    found = first_answers(_columns(commands), _columns(answers), stamps)
-    assert found.tolist() == expected
+    first = dict[tuple[int, int], int]()
+    for i in np.argsort(stamps).tolist():
+        session_id, at_ms = answers_ms[i][0], answers_ms[i][1] + i % 7  # up to 6 ms after a command
+        before = [c for c in commands_ms if c[0] == session_id and at_ms - 5 < c[1] <= at_ms]
+        answers_ms[i] = session_id, at_ms
+        if before:
+            first.setdefault(max(before), i)
+    found = first_answers(_stamps(commands_ms), _stamps(answers_ms), stamps)
+    assert found.tolist() == [first.get(command, -1) for command in commands_ms]
+
+
+def _stamps(pairs: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
+    sessions, stamps_ms = _columns(pairs)
+    return sessions, stamps_ms * 1e6
 
 
 def _columns(pairs: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:

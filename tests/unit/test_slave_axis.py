@@ -9,7 +9,7 @@ from forefeel.common.messages import MOST_QUANTITY, PROTOCOL_VERSION, Grip, Safe
 from forefeel.common.settings import settings_hash
 from forefeel.common.topics import COMMAND, FORCE, LIMIT_EVENT, SLAVE_STATE
 from tests.messages import SHARED
-from tests.unit.rigs import SESSION, SlaveRig
+from tests.unit.rigs import MS, SESSION, SlaveRig
 
 S = SafetyState
 
@@ -83,14 +83,14 @@ def test_a_masters_clock_at_a_rate_that_can_not_be_followed_is_a_fault_that_says
     assert rig.state() is S.FAULT
 
 
-def test_an_armed_axis_follows_and_each_force_answers_the_command_of_the_tick_before() -> None:
+def test_an_armed_axis_follows_and_each_force_answers_the_command_before_as_it_is_carried_on() -> None:
     rig = SlaveRig().armed()
     sent: list[tuple[int, int, float]] = []
     for i in range(20):
         rig.position_m += 1e-5
         rig.fields = {"recording_time_s": i / 1000, "velocity_m_s": 0.01}
         rig.step()
-        sent.append((rig.newest(COMMAND).sequence, rig.now_ns, i / 1000))
+        sent.append((rig.newest(COMMAND).sequence, rig.now_ns + MS, i / 1000))
     answers = [
         (f.answers_sequence, f.answers_stamp_ns, f.recording_time_s) for f in rig.messages(FORCE)[-19:]
     ]

@@ -252,7 +252,8 @@ def answered(*stamps_ns: int | None) -> list[ForceSample]:
     for tick in range(1, 11):
         command = usual(COMMAND, sequence=tick, stamp_ns=tick * MS)
         limits = tick * 2e-6, tick > 3
-        answers.note(Instant(tick * MS, StageReading(tick * 1e-6, 1e-3), command, Grip.CLOSED, *limits))
+        stage = StageReading(tick * 1e-6, 1e-3)
+        answers.note(Instant(tick * MS, stage, command, 5 * MS, Grip.CLOSED, *limits))
     for number, stamp_ns in enumerate(stamps_ns):
         answers.send(LoadCellReading(0.1 * number, number, True, stamp_ns), 1, None)
     return party.messages(FORCE)
@@ -268,6 +269,7 @@ def test_readings_of_a_batch_find_their_own_ticks() -> None:
     samples = answered(3 * MS, 3 * MS + MS // 4, 7 * MS)
     assert [s.answers_sequence for s in samples] == [3, 4, 7]
     assert [s.stamp_ns for s in samples] == [3 * MS, 3 * MS + MS // 4, 7 * MS]
+    assert all(s.stamp_ns - (s.answers_stamp_ns or 0) == 5 * MS for s in samples)
     assert [s.position_m for s in samples] == pytest.approx([3e-6, 3.25e-6, 7e-6], abs=1e-12)
     assert [s.raw_counts for s in samples] == [0, 1, 2]
     assert [(s.setpoint_m, s.force_limited) for s in samples] == [(6e-6, False), (8e-6, True), (14e-6, True)]

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forefeel.common.messages import MotionCommand
-from forefeel.common.slots import BoundedQueue, LatestValue
+from forefeel.common.slots import BoundedQueue, CommandRing, LatestValue
 from forefeel.common.topics import COMMAND
 from forefeel.slave.command_receiver import CommandSlot
 from tests.messages import usual
@@ -56,3 +56,14 @@ def test_the_newest_command_is_taken_once_with_any_release_before_it(
     assert slot.take() == ((command(newest, deadmen[-1]), 100 + newest), released)
     assert slot.take() == (None, False)
     assert slot.superseded == newest
+
+
+@given(st.sets(st.integers(0, 200), min_size=1), st.integers(0, 200), st.integers(0, 10**9))
+def test_a_ring_gives_the_last_command_before_a_motion(sent_ms: set[int], at_ms: int, start_ms: int) -> None:
+    ring = CommandRing[int]()
+    for sent in sorted(sent_ms):
+        ring.put((start_ms + sent) * 1_000_000, sent)
+    before = [sent for sent in sent_ms if at_ms - 5 < sent <= at_ms]
+    assert ring.get((start_ms + at_ms) * 1_000_000) == max(before, default=None)
+    between = [sent for sent in sent_ms if at_ms - 4 <= sent <= at_ms]
+    assert ring.get((start_ms + at_ms) * 1_000_000 + 999_999) == max(between, default=None)
