@@ -175,9 +175,10 @@ class HapticSample(Message):
     same tick.
 
     `delay_s`: from the motion that the newest force answers to its arrival, both on the master's clock;
-    `answered_sequence`: the command that it followed. `low_n`, `high_n`: the 95 % band of the prediction; `leading`: the expert that led it, or
-    `zoh`. `zoh_n`: the last received force, a zero-order hold. `energy_j`: what the hand has put into the
-    handle since the start; negative where the rendered force gave it more than it took.
+    `answered_sequence`: of the command that the stage followed. `low_n`, `high_n`: the 95 % band of the
+    prediction; `leading`: the expert that led it, or `zoh`. `zoh_n`: the last received force, a zero-order
+    hold. `energy_j`: what the hand has put into the handle since the start; negative where the rendered force
+    gave it more than it took.
 
     For a replay, `forces`: sequences of those taken since the sample before; `slave_state`: sequence of the
     state by whose `reaction_s` the setpoint was expected; `snapshot`: number of the estimate that was used,
@@ -357,6 +358,16 @@ class Calibration(Message):
     residual_n: Force | None = None
     hysteresis_n: Force | None = None
     native_per_m: Native | None = None
+
+
+class InstrumentShape(Message):
+    """Centre line of an instrument in a simulated world, tip last, in coordinates of that world: one x, y and
+    z a point.
+    """
+
+    x_m: tuple[Position, ...]
+    y_m: tuple[Position, ...]
+    z_m: tuple[Position, ...]
 
 
 class LoopTiming(Message):

@@ -79,6 +79,7 @@ MASTER_LIMIT = Topic("master/limit", m.LimitEvent, "master", None, Qos.EVENT, cr
 MASTER_EVENT = Topic("master/event", m.MasterEvent, "master", None, Qos.EVENT, crosses=False)
 SAFETY_EVENT = Topic("slave/safety", m.SafetyEvent, "slave", None, Qos.EVENT, ordered=True)
 CALIBRATION = Topic("slave/calibration", m.Calibration, "slave", None, Qos.EVENT, crosses=False)
+SHAPE = Topic("slave/shape", m.InstrumentShape, "slave", 20, Qos.STATE, crosses=False)
 EMERGENCY_STOP = Topic("any/estop", m.EmergencyStop, "any", None, Qos.EVENT)
 MASTER_TIMING = Topic("master/timing", m.LoopTiming, "master", 1, Qos.STATE, crosses=False)
 SLAVE_TIMING = Topic("slave/timing", m.LoopTiming, "slave", 1, Qos.STATE, crosses=False)
@@ -92,7 +93,7 @@ TOPICS: tuple[Topic[m.Message], ...] = (
     COMMAND, FORCE, HAPTICS, PARAMETERS, SLAVE_STATE, MASTER_STATE, MASTER_HANDSHAKE, SLAVE_HANDSHAKE,
     MASTER_HEARTBEAT, SLAVE_HEARTBEAT, LIMIT_EVENT, SAFETY_EVENT, MASTER_LIMIT, MASTER_EVENT, CALIBRATION,
     EMERGENCY_STOP, MASTER_TIMING, SLAVE_TIMING, MASTER_IMPAIRMENT,
-    SLAVE_IMPAIRMENT, CONTROL_CYCLE,
+    SLAVE_IMPAIRMENT, SHAPE, CONTROL_CYCLE,
 )  # fmt: skip
 
 BY_NAME: dict[str, Topic[m.Message]] = {topic.name: topic for topic in TOPICS}

@@ -23,7 +23,7 @@ from forefeel.common.messages import (
 from forefeel.common.slots import LatestValue
 from forefeel.slave.command_receiver import CommandReceiver
 from forefeel.slave.control import AxisControl, ControlInputs, ControlOutputs, Transition
-from forefeel.slave.devices import DeviceReports, Devices, DeviceWatch
+from forefeel.slave.devices import DeviceReports, Devices, DeviceWatch, ShapePublisher
 from forefeel.slave.events import SlaveEvents
 from forefeel.slave.following import following_watch
 from forefeel.slave.forces import ForcePublisher, Instant, PolarityWatch, PushWatch
@@ -59,7 +59,9 @@ class SlaveAxis:
         self._watch = DeviceWatch(devices, following_watch(settings), self._device_failed)
         self._pushes = PushWatch(settings.limits.max_force_n if settings.pushes_only else inf)
         recorded = settings.gate.force_timeout_s is None  # in which sense, nobody knows
-        self._polarity = PolarityWatch(inf if recorded else settings.limits.max_force_n)
+        self._polarity = PolarityWatch(
+            inf if recorded else settings.limits.max_force_n, settings.sign_setting
+        )
         self._instrument = InstrumentWatch(settings.instrument)
         self._device_reports = DeviceReports(devices.stage, devices.load_cell, bus)
         self._session = SlaveSession(cell, settings, devices, bus, instance_id, self.events)
@@ -78,6 +80,8 @@ class SlaveAxis:
     def _connect(self, bus: Bus) -> None:
         self._forces = ForcePublisher(bus.publisher(topics.FORCE))
         self._state: Publisher = bus.publisher(topics.SLAVE_STATE)
+        shape_m = self._devices.shape_m
+        self._shape = None if shape_m is None else ShapePublisher(shape_m, bus.publisher(topics.SHAPE))
         self._take_commands = bus.polled(topics.COMMAND, self._receiver.on_command)
         bus.subscribe(topics.EMERGENCY_STOP, self._on_estop, self._on_garbled_estop)
 
@@ -193,7 +197,7 @@ class SlaveAxis:
         stage, force_n = self._watch.stage, self._watch.force.force_n
         follows = self._executing is not None
         wrong = self._pushes.fault(now_ns, stage, force_n, follows)
-        if wrong := wrong or self._polarity.fault(now_ns, stage.position_m, force_n, follows):
+        if wrong := wrong or self._polarity.fault(now_ns, stage, force_n, follows, self._grip):
             self._device_failed("load_cell", wrong)
         setpoint = self._control.limiter.position_m, self._control.limiter.force_limited
         outputs = self._control.tick(now_ns, self._inputs(now_ns, cleared))
@@ -210,6 +214,8 @@ class SlaveAxis:
         warned = self._instrument.take(now_ns, stage, force_n, self._watch.force.valid, held)
         for hit in (*outputs.limits, *warned):
             self.events.limit(hit)
+        if self._shape is not None:
+            self._shape.tick(now_ns, holder)
         self._bus.end_batches(now_ns)
 
     def settle(self, now_ns: int) -> None:

@@ -207,4 +207,5 @@ def _devices(settings: SlaveAxisSettings, world: SimulatedWorld, clock: Clock) -
         slot: driver.make(sections[slot], world if driver.driver.in_world else clock)
         for slot, driver in drivers.items()
     }
-    return Devices(**ports, drivers={slot: driver.origin for slot, driver in drivers.items()})
+    origins: dict[str, str] = {slot: driver.origin for slot, driver in drivers.items()}
+    return Devices(**ports, drivers=origins, shape_m=world.shape_m)

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from math import ceil
 from typing import Any
 
 from forefeel.common import topics
@@ -10,23 +11,34 @@ from forefeel.common.bus import Bus, Publisher
 from forefeel.common.errors import DeviceError
 from forefeel.common.hardware.calibration import LoadCellCalibration, StageCalibration
 from forefeel.common.hardware.link import DeviceLink
-from forefeel.common.messages import MOST_POSITION_M, MOST_VELOCITY_M_S, Calibration
+from forefeel.common.messages import (
+    MOST_POSITION_M,
+    MOST_VELOCITY_M_S,
+    Calibration,
+    InstrumentShape,
+    within,
+)
 from forefeel.slave.following import FollowingWatch
 from forefeel.slave.gripper import Gripper
 from forefeel.slave.load_cell import LoadCell, LoadCellReading
+from forefeel.slave.plant.foreign import Point
 from forefeel.slave.stage import Stage, StageReading
 
 _NO_FORCE = LoadCellReading(0.0, 0, False)
+_SHAPE_NS = 50_000_000  # ns between two shapes, by the rate of their topic
 
 
 @dataclass(frozen=True, slots=True)
 class Devices:
-    """The three ports of one axis. `drivers`: by slot, see `Handshake`."""
+    """The three ports of one axis. `drivers`: by slot, see `Handshake`. `shape_m`: reads the centre line of
+    the instrument where the simulated world has one.
+    """
 
     stage: Stage
     gripper: Gripper
     load_cell: LoadCell
     drivers: Mapping[str, str] = field(default_factory=dict)
+    shape_m: Callable[[], Sequence[Point]] | None = None
 
 
 class DeviceWatch:
@@ -124,6 +136,29 @@ class DeviceWatch:
                 f"{MOST_POSITION_M:g} m and {MOST_VELOCITY_M_S:g} m/s"
             )
         self.stage = reading
+
+
+class ShapePublisher:
+    """Publishes the shape of the instrument every 50 ms, from the loop that moves it: an engine is read in no
+    other thread.
+    """
+
+    def __init__(self, shape_m: Callable[[], Sequence[Point]], publisher: Publisher) -> None:
+        self._shape_m, self._publisher = shape_m, publisher
+        self._due_ns = 0
+
+    def tick(self, now_ns: int, session_id: int) -> None:
+        """Publishes the shape where one is due; of more points than a message holds every second, third..."""
+        if now_ns < self._due_ns or not (points := self._shape_m()):
+            return
+        self._due_ns = now_ns + _SHAPE_NS
+        step = ceil(len(points) / InstrumentShape.most_items)
+        thinned = [points[i] for i in range((len(points) - 1) % step, len(points), step)]
+        x_m, y_m, z_m = (
+            tuple(within(value, MOST_POSITION_M) for value in axis) for axis in zip(*thinned, strict=True)
+        )
+        header = self._publisher.header(session_id, now_ns)
+        self._publisher.send(InstrumentShape(**header, x_m=x_m, y_m=y_m, z_m=z_m))
 
 
 class DeviceReports:

@@ -92,6 +92,12 @@ class SlaveAxisSettings(AxisSettings):
         return self.load_cell.pushes_only or simulated
 
     @property
+    def sign_setting(self) -> str:
+        """Place of the force's sign in the settings."""
+        foreign = self.load_cell.driver == "simulated" and hasattr(self.simulation.world, "force_sign")
+        return "simulation.world.force_sign" if foreign else "load_cell.sign"
+
+    @property
     def columns(self) -> tuple[str, ...]:
         hidden = self.simulation.hidden
         return self.simulation.contact.columns + (hidden.effects.columns if hidden else ())

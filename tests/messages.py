@@ -54,6 +54,7 @@ _USUAL: dict[str, dict[str, Any]] = {
     "any/estop": {"source": "nurse", "reason": "pressed"},
     "master/timing": _TIMING,
     "slave/timing": _TIMING,
+    "slave/shape": {"x_m": (0.0, 0.01, 0.02), "y_m": (0.0, 0.0, 0.003), "z_m": (0.0, 0.0, 0.001)},
     "master/impairment": {"link": "inbound", "first_index": 0},
     "slave/impairment": {"link": "inbound", "first_index": 0},
 }  # fmt: skip

@@ -7,6 +7,7 @@ from forefeel.common.messages import (
     ForceSample,
     Grip,
     HapticSample,
+    InstrumentShape,
     LoopTiming,
     MasterState,
     Message,
@@ -18,7 +19,7 @@ from forefeel.common.topics import MASTER_TIMING, Topic
 from forefeel.dashboard.detector import Comparison, ModelWatch
 from forefeel.dashboard.event_log import EventList
 from forefeel.dashboard.timeline import Timeline
-from forefeel.dashboard.trace import SPAN_S, MinMaxTrace, SampleRing
+from forefeel.dashboard.trace import SPAN_S, MinMaxTrace, SampleRing, ShapeTrace
 
 _RATE_HZ = 1000  # Hz, at most, of answered commands, whose delays are kept for a minute
 _AHEAD_S = 1.0  # s by which a force may lie ahead of now
@@ -55,9 +56,9 @@ def new_traces() -> dict[str, MinMaxTrace]:
 class AxisView:
     """Fed with messages as they come, by one thread at a time.
 
-    Measured force and readback are drawn at the time of the command that they answer, on the master's clock:
-    the delay, and the difference of the two clocks, stay out of it. What answers no command is drawn when it
-    was heard.
+    Measured force, readback and shape are drawn at the time of the command that they answer, on the master's
+    clock: the delay, and the difference of the two clocks, stay out of it. What answers no command is drawn
+    when it was heard.
 
     Attributes:
         delays: time of receipt in s and round trip in s of each newly answered command.
@@ -75,6 +76,7 @@ class AxisView:
         self.delays = SampleRing(round(SPAN_S * _RATE_HZ), 2)
         self.worst_energy_j = 0.0
         self.had_session = False
+        self.shapes = ShapeTrace()
         self._samples = CommandRing[HapticSample]()
         self._answered: tuple[int, int] | None = None
         self._slip_m = 0.0
@@ -99,6 +101,11 @@ class AxisView:
             case ModelParameters():
                 newest.model = message
                 self.watch.innovation(self.timeline.now_s(receive_ns), message.innovation_rms_n)
+            case InstrumentShape():
+                now_s = self.timeline.now_s(receive_ns)
+                self.shapes.add(
+                    now_s if newest.force is None else self._place_s(newest.force, now_s), message
+                )
             case LoopTiming():
                 newest.timings["master" if topic.name == MASTER_TIMING.name else "slave"] = message
             case _:
@@ -121,6 +128,7 @@ class AxisView:
             return
         if anew:
             self.traces, self.watch, self.comparison = new_traces(), ModelWatch(), Comparison()
+            self.shapes = ShapeTrace()
         self.newest.haptics, t_s, traces = sample, self.timeline.stamp_s(sample.stamp_ns), self.traces
         traces["felt"].add(t_s, sample.rendered_n)
         traces["commanded"].add(t_s, sample.command_position_m)

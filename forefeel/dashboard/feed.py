@@ -42,6 +42,8 @@ class Feed:
         answer["anew"] = self._restart(view)
         answer["now_s"] = round(view.timeline.now_s(now_ns), 4)
         answer["traces"] = {name: self._new(name, trace.since) for name, trace in view.traces.items()}
+        answer["traces"]["shape"] = view.shapes.since(self._ends.get("shape", 0))
+        self._ends["shape"] = view.shapes.end
         answer["cards"] = self._cards(cell, view, now_ns)
         return answer
 

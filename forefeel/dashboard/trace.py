@@ -1,5 +1,6 @@
 """A quantity over time: in few points that keep its peaks, or its last values. Pure; memory does not grow."""
 
+from collections import deque
 from math import floor, nan
 from typing import NamedTuple
 
@@ -7,8 +8,10 @@ import numpy as np
 
 from forefeel.common.error_size import Floats
 from forefeel.common.estimation.state_filter import GAP_S
+from forefeel.common.messages import InstrumentShape
 
 BIN_S = 0.02  # s, of which the lowest and the highest sample are kept
+_SHAPES = 400  # that are kept: 20 s, as many as are read before a place in a recording
 SPAN_S = 60.0  # s that a trace holds
 
 
@@ -68,6 +71,25 @@ class MinMaxTrace:
         """The points from that number on, as far as they are kept."""
         first = min(max(number, self.end - len(self._rows), 0), self.end)
         return Points(first, self.end, self._rows[np.arange(first, self.end) % len(self._rows)])
+
+
+class ShapeTrace:
+    """Shapes of the instrument of the last 20 s."""
+
+    def __init__(self) -> None:
+        self.end = 0
+        """How many there have been."""
+        self._rows: deque[tuple[float, list[tuple[float, float]]]] = deque(maxlen=_SHAPES)
+
+    def add(self, t_s: float, shape: InstrumentShape) -> None:
+        """Adds the centre line, in hundredths of mm and without its third axis."""
+        points = zip(shape.x_m, shape.y_m, strict=False)
+        self._rows.append((round(t_s, 3), [(round(1e3 * x, 2), round(1e3 * y, 2)) for x, y in points]))
+        self.end += 1
+
+    def since(self, number: int) -> list[tuple[float, list[tuple[float, float]]]]:
+        """Time in s and points in mm of the shapes from that number on, as far as they are kept."""
+        return list(self._rows)[max(0, number - self.end + len(self._rows)) :]
 
 
 class SampleRing:

@@ -78,6 +78,7 @@ def examine(
         progress(f"{settings.role}: devices, disk")
         state = state_path(settings, settings.role, environment)
         findings += check_devices(settings, host.running(state), host)
+        findings += check_latch(settings, host.latched(state))
         findings += check_caveats(settings)
         findings += check_force_limit(settings)
         findings += check_disk(state, host)
@@ -243,6 +244,21 @@ def check_devices(settings: DaemonSettings, process: int | None, host: HostProbe
         yield Finding("devices", f"{role}'s devices", "amber", text, f"end the {role}, then ask again")
     else:
         yield from (_judged_device(device, host.probe(device)) for device in real)
+
+
+def check_latch(settings: DaemonSettings, latched: Mapping[str, str]) -> Iterator[Finding]:
+    """Lists what keeps an axis of the slave stopped, red; of other load cells that nothing here tells their
+    sign.
+    """
+    for name, reason in latched.items():
+        advice = "mend that; then, while the slave runs, forefeel clear --config FILE"
+        yield Finding(
+            "devices", f"axis {name}" if name else "every axis", "red", f"latched: {reason}", advice
+        )
+    for axis in settings.axes if isinstance(settings, SlaveSettings) else ():
+        if axis.load_cell.hardware and not {axis.name, ""} & set(latched):
+            text = "not told without a motion: the first contact or three strokes make a wrong one a fault"
+            yield Finding("devices", f"{axis.name} load_cell, sign", "green", text)
 
 
 def check_caveats(settings: DaemonSettings) -> Iterator[Finding]:

@@ -16,7 +16,8 @@ from forefeel.common.errors import ForefeelError
 from forefeel.common.messages import MasterState, SlaveState
 from forefeel.common.runtime.realtime import RealtimeThread, prepare_process
 from forefeel.common.settings import TICK_NS
-from forefeel.common.state.folder import holder
+from forefeel.common.state.folder import LATCHED, holder
+from forefeel.common.state.latch import latched
 from forefeel.common.topics import MASTER_STATE, SLAVE_STATE
 from forefeel.common.transport.security import Party, PartyFiles
 from forefeel.common.transport.settings import TransportSettings
@@ -77,6 +78,10 @@ class HostProbe:
     def running(self, state: Path) -> int | None:
         """Process id of the daemon that has this state folder; None without one."""
         return holder(state)
+
+    def latched(self, state: Path) -> dict[str, str]:
+        """Reasons by axis that the slave with this state folder has latched; under "" of all."""
+        return latched(state / LATCHED)
 
     def loop(self, priority: int, seconds: float) -> LoopCheck:
         """Runs an idle 1 kHz loop for that time as a daemon would, and returns what it was granted and its

@@ -5,7 +5,7 @@ from forefeel.common.lateness import FEW_MISSED
 from forefeel.common.messages import SafetyState
 from forefeel.common.topics import COMMAND
 from forefeel.report.model import LoopFigures, RunReport, SafetyNote
-from forefeel.report.wording import micros
+from forefeel.report.wording import fault_texts, micros
 
 _STOPPED = frozenset({SafetyState.STOPPING, SafetyState.FAULT, SafetyState.ESTOPPED})
 
@@ -17,11 +17,14 @@ def require_armed(report: RunReport) -> None:
         raise RunError(f"the slave was never armed: {'; '.join(causes)}")
 
 
-def amber_line(report: RunReport) -> str | None:
-    """Line on a host too slow for a loop, else None; what became of the motion stands in the ten lines."""
-    if not (_is_slow(report.loop.master) or _is_slow(report.loop.slave)):
-        return None
-    return f"This host was too slow for 1 kHz: {'; '.join(_lateness(report))}."
+def amber_lines(report: RunReport) -> list[str]:
+    """Lines on a fault of the slave and on a host too slow for a loop; what became of the motion stands in
+    the ten lines.
+    """
+    lines = fault_texts(report.safety_events)
+    if _is_slow(report.loop.master) or _is_slow(report.loop.slave):
+        lines.append(f"This host was too slow for 1 kHz: {'; '.join(_lateness(report))}.")
+    return lines
 
 
 def _is_slow(loop: LoopFigures) -> bool:

@@ -16,6 +16,7 @@ from forefeel.common.model_file import load_model
 from forefeel.common.recording.units import Mapping
 from forefeel.common.settings import AxisLimits
 from forefeel.common.transport.settings import PRESETS
+from forefeel.devices.mujoco.settings import GuidewireSettings
 from forefeel.devices.simulated.settings import OperatorSettings
 from forefeel.loopback.viewer import CELL
 from forefeel.master.prior import load
@@ -46,6 +47,10 @@ _QUICKEST_M_S2 = 1000.0  # that the settings admit: coarse stamps let a velocity
 _APPROACH_M_S = 0.03  # m/s, fastest approach to the recording's start
 # A simulated world says where its wall begins and not how wide it is: radii in those of the instrument,
 # wider up to there and narrower beyond, for the wall resists more the deeper.
+_GUIDE_MM, _BEYOND_MM = (
+    30.0,
+    10.0,
+)  # that are drawn of the guide, and of a vessel beyond what the wire reaches
 _ENTRANCE, _INSTRUMENT, _DEEPEST = 2.6, 1.0, 0.7
 
 
@@ -110,12 +115,15 @@ class Plan:
 
     def vessel(self) -> VesselSettings | None:
         """Vessel of the simulated world, for the picture; None where recorded forces or an engine of others
-        take its place.
+        take its place, unless that has a vessel of our settings.
         """
         axis = self.slave_settings().axes[0]
-        if axis.load_cell.driver == "recorded" or axis.simulation.world is not None:
+        world = axis.simulation.world
+        if axis.load_cell.driver == "recorded":
             return None
-        return _vessel(axis.simulation, axis.name)
+        if isinstance(world, GuidewireSettings):
+            return _bent_vessel(axis.simulation, world, axis.name)
+        return _vessel(axis.simulation, axis.name) if world is None else None
 
     def _where(self, role: str) -> str:
         return f"loopback {role}, recording {self.metadata['recording']}"
@@ -145,6 +153,23 @@ def _vessel(world: WorldSettings, axis: str) -> VesselSettings:
         lumen_radius_mm={0.0: _ENTRANCE, contact_mm: _INSTRUMENT, end_mm: _DEEPEST},
         landmarks_mm=({"valve": 0.0} if shaft else {}) | ({"contact": contact_mm} if contact_mm else {}),
         to_scale=False,
+    )
+
+
+def _bent_vessel(simulation: WorldSettings, world: GuidewireSettings, axis: str) -> VesselSettings:
+    """Vessel to draw, in mm, behind the end of its guide, as far as the wire reaches."""
+    from forefeel.devices.mujoco.path import vessel_path  # noqa: PLC0415 - it loads scipy
+
+    tip_mm = 1e3 * (world.inserted_m - simulation.stage.start_m)
+    end_mm = tip_mm + 1e3 * simulation.stage.travel_upper_m
+    path, at_mm = vessel_path(world), np.arange(-_GUIDE_MM, end_mm + _BEYOND_MM).tolist()
+    return VesselSettings(
+        axis=axis,
+        tip_mm=tip_mm,
+        instrument_radius_mm=1e3 * world.wire.radius_m,
+        lumen_radius_mm=dict.fromkeys((0.0, end_mm), 500.0 * world.lumen_m),
+        landmarks_mm={},
+        walls_mm={mm: np.round(1e3 * path.walls_m(world.guide_m + 1e-3 * mm), 2).tolist() for mm in at_mm},
     )
 
 

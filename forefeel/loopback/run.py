@@ -58,10 +58,10 @@ def judge(report: "RunReport") -> None:
     Raises:
         RunError: the slave was never armed.
     """
-    from forefeel.loopback.outcome import amber_line, require_armed  # noqa: PLC0415 - as in `recorded_run`
+    from forefeel.loopback.outcome import amber_lines, require_armed  # noqa: PLC0415 - as in `recorded_run`
 
     require_armed(report)
-    if remark := amber_line(report):
+    for remark in amber_lines(report):
         warn(remark)
 
 

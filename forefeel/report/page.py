@@ -11,7 +11,7 @@ from forefeel.common.events.text import quantity
 from forefeel.common.limiter import MOTION_RULES
 from forefeel.common.messages import Grip, SafetyState
 from forefeel.common.recording.mcap_reader import Run
-from forefeel.common.topics import SLAVE_STATE
+from forefeel.common.topics import SHAPE, SLAVE_STATE
 from forefeel.files import folder_named_after, fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
 from forefeel.report.drawing import (
@@ -28,9 +28,9 @@ from forefeel.report.drawing import (
 )
 from forefeel.report.model import AxisReport, Loops, RunReport, ScoredCommands
 from forefeel.report.score import scored
-from forefeel.report.summary import MOST_EVENTS, SETTLING_S, summarise
+from forefeel.report.summary import MOST_EVENTS, SETTLING_S, last, summarise
 from forefeel.report.template import render
-from forefeel.report.traces import AxisTraces, ParameterTraces, axis_traces
+from forefeel.report.traces import AxisTraces, ParameterTraces, axis_traces, sent_ns
 from forefeel.report.transparency import JND_FLOOR_N, JND_SHARE
 from forefeel.report.vessel import friction, of_recording
 from forefeel.report.wording import (
@@ -153,9 +153,11 @@ def still(run: Run, axis: str, traces: AxisTraces) -> Figure | None:
     row = rows[np.argmax(np.abs(of.zoh_n - of.force_n)[rows])]
     reported_s = of.time_s[row] - np.nanmedian(traces.force_age_s)
     tip_m = np.interp(reported_s, traces.readback_time_s, traces.readback_m)
+    shape_mm = _shape_mm(run, axis, traces.start_ns + 1e9 * reported_s) if vessel.walls_mm else None
     most_mn, felt_mn = (1e3 * np.nanmax(np.abs(force_n)) for force_n in (of.zoh_n, of.rendered_n))
     spec = {
         "vessel": vessel.model_dump(mode="json"),
+        "shape_mm": shape_mm,
         "reach_mm": [1e3 * end(of.position_m) + vessel.tip_mm for end in (np.nanmin, np.nanmax)],
         "tip_mm": 1e3 * tip_m + vessel.tip_mm,
         "commanded_mm": 1e3 * of.position_m[row] + vessel.tip_mm,
@@ -171,7 +173,14 @@ def still(run: Run, axis: str, traces: AxisTraces) -> Figure | None:
         f"At {of.time_s[row]:.1f} s, when the late force was furthest from the measured one of the same "
         "command. Dashed: where the hand had the tip by then. Friction: as known at the end of the run."
     )
-    return Figure("In the vessel", caption, 168, (spec,))
+    return Figure("In the vessel", caption, 236 if shape_mm else 168, (spec,))
+
+
+def _shape_mm(run: Run, axis: str, at_ns: float) -> list[tuple[float, float]] | None:
+    """Centre line of the instrument as published last by then; None where there was none."""
+    shapes = zip(sent_ns(run, axis, SHAPE).tolist(), run.messages(axis, SHAPE), strict=True)
+    shape = last(shape for sent, shape in shapes if sent <= at_ns)
+    return None if shape is None else [(1e3 * x, 1e3 * y) for x, y in zip(shape.x_m, shape.y_m, strict=False)]
 
 
 def picture(traces: AxisTraces) -> Figure | None:

@@ -39,6 +39,7 @@ from forefeel.report.score import PredictionComparison, compare, scored, spread
 from forefeel.report.states import armed_share
 from forefeel.report.traces import AxisTraces, CommandTraces, axis_traces, run_span_ns, sent_ns
 from forefeel.report.transparency import run_transparency
+from forefeel.report.wording import fault_texts
 
 SETTLING_S = 3.0
 """From the first scored command to the first one that counts as settled."""
@@ -92,6 +93,7 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
     overall, settled = _compare(traces.commands)
     energy_j = traces.commands.energy_j[np.isfinite(traces.commands.energy_j)].tolist()
     handshake = last(run.messages(axis, SLAVE_HANDSHAKE))
+    events = _safety_events(run, axis, traces.start_ns)
     return AxisReport(
         axis=axis,
         commands=commands,
@@ -111,10 +113,14 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
         stops=slave.stops if slave else None,
         **_model(run, axis),
         counters=axis_counters(run, axis),
-        safety_events=_safety_events(run, axis, traces.start_ns),
+        safety_events=events,
         settings=handshake.settings if handshake else "",
         calibrations=_calibrations(run, axis),
-        notes=(*_notes(run, axis, commands, handshake), *_silent_master(run, axis, traces)),
+        notes=(
+            *fault_texts(events),
+            *_notes(run, axis, commands, handshake),
+            *_silent_master(run, axis, traces),
+        ),
     )
 
 

@@ -26,7 +26,9 @@ class VesselSettings(Settings):
 
     `tip_mm`: where the tip is while the stage reads 0. Between two positions the radius changes smoothly; the
     wall is drawn as touched where the lumen is no wider than the instrument. The landmark `valve` is drawn as
-    one. `to_scale` false: the radii only say where it is wider and narrower.
+    one. `to_scale` false: the radii only say where it is wider and narrower. `walls_mm`: x and y of the
+    left wall, then of the right one, by position, in coordinates of the simulated world; drawn where the
+    instrument's shape is known.
     """
 
     axis: Segment = "insertion"
@@ -35,6 +37,7 @@ class VesselSettings(Settings):
     lumen_radius_mm: Annotated[dict[Place, Radius], Field(min_length=2, max_length=1000)]
     landmarks_mm: Annotated[dict[Landmark, Place], Field(default_factory=dict, max_length=50)]
     to_scale: bool = True
+    walls_mm: dict[Place, tuple[Place, Place, Place, Place]] = Field(default_factory=dict, max_length=1000)
 
 
 def vessel_of(path: Path | None) -> VesselSettings | None:

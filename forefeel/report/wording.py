@@ -1,16 +1,19 @@
 """Numbers in words: SI prefixes, no more digits than are known, a dash for what is not known."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from math import floor, isfinite, log10
 from typing import TYPE_CHECKING
 
+from forefeel.common.events.console import printable
 from forefeel.common.events.text import PREFIXES, UNKNOWN, power_of_1000, quantity, shown_unit
+from forefeel.common.messages import SafetyState
 
 if TYPE_CHECKING:  # the diagnosis imports scipy, for which `forefeel loopback` would wait
     from forefeel.common.error_size import ErrorSize
     from forefeel.diagnosis.verdict import Interval
+    from forefeel.report.model import SafetyNote
     from forefeel.report.transparency import Transparency
 
 DISCLAIMER = "Research software, not a medical device."
@@ -54,6 +57,17 @@ def share(value: float | None) -> str:
 
 def ratio(value: float | None) -> str:
     return UNKNOWN if value is None else f"{value:#.3g}".rstrip(".")
+
+
+def fault_texts(events: Iterable["SafetyNote"]) -> list[str]:
+    """A sentence for each reason of a fault of the slave, with its first time."""
+    first: dict[str, float] = {}
+    for event in events:
+        if event.after == SafetyState.FAULT:
+            first.setdefault(printable(event.reason), event.time_s)
+    return [
+        f"The slave stopped with a fault at {time_s:.1f} s: {reason}." for reason, time_s in first.items()
+    ]
 
 
 def felt_text(score: "Transparency | None") -> str:

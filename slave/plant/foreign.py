@@ -42,7 +42,9 @@ class World(Protocol):
         ...
 
     def shape_m(self) -> Sequence[Point]:
-        """Centre line of the instrument, the tip last; empty where nothing is to be drawn."""
+        """Centre line of the instrument, the tip last; empty where nothing is to be drawn. Called between two
+        steps, in their thread.
+        """
         ...
 
 

@@ -1,6 +1,6 @@
 """The simulated world of one axis: stage, fixture, vessel and load cell on one time grid."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from math import exp, pi
 from random import Random
 
@@ -8,6 +8,7 @@ from forefeel.common.causes.motion import Lag
 from forefeel.common.messages import Grip
 from forefeel.slave.load_cell import VALID_SHARE, LoadCellReading
 from forefeel.slave.plant.contact import PlantFixture, plant_contact
+from forefeel.slave.plant.foreign import ForeignContact, Point
 from forefeel.slave.plant.settings import LoadCellSettings, WorldSettings
 from forefeel.slave.plant.stage import PlantStage
 
@@ -111,6 +112,13 @@ class SimulatedWorld:
     def load_cell_reading(self) -> LoadCellReading:
         """The newest conversion; invalid before the first ms has passed."""
         return self._load_cell.reading
+
+    @property
+    def shape_m(self) -> Callable[[], Sequence[Point]] | None:
+        """Reads the centre line of the instrument; None where no engine of others has one."""
+        if not (self.observed and isinstance(self._contact, ForeignContact)):
+            return None
+        return self._contact.world.shape_m if self._contact.world.shape_m() else None
 
     @property
     def inserted_m(self) -> float:

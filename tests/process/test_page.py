@@ -10,7 +10,7 @@ pytest.importorskip("playwright")
 
 from forefeel.common.codec import decode
 from forefeel.common.messages import EmergencyStop, SafetyState
-from forefeel.common.topics import EMERGENCY_STOP, FORCE, HAPTICS, SAFETY_EVENT, SLAVE_STATE
+from forefeel.common.topics import EMERGENCY_STOP, FORCE, HAPTICS, SAFETY_EVENT, SHAPE, SLAVE_STATE
 from forefeel.report.page import write_report
 from tests.browser import Served, Shown, Speaker, installed_chromium
 from tests.messages import usual
@@ -82,6 +82,14 @@ def check_picture(shown: Shown, speaker: Speaker) -> None:
     shown.until(lambda: shown.ask("forefeel.charts.drawn.tip_mm") == 35.0, "the tip")
     assert shown.ask(pixels) != before
     assert str(shown.ask("forefeel.charts.drawn.late_ms")) == shown.text("delay")
+    straight = shown.ask(pixels)
+
+    def bent() -> bool:
+        speaker.say(SHAPE, usual(SHAPE), HOSTILE_AXIS)
+        return bool(shown.ask("forefeel.charts.drawn.shape_mm?.at(-1)[1] === 3"))
+
+    shown.until(bent, "the shape")
+    assert shown.ask(pixels) != straight
 
 
 def check_stop(shown: Shown, speaker: Speaker) -> None:

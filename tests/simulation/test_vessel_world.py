@@ -2,13 +2,17 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.messages import ForceSample, SafetyState, SlaveState
-from forefeel.loopback.plan import OUR_WORLDS, LoopbackOptions, make_plan
+from forefeel.common.recording.mcap_reader import Run
+from forefeel.loopback.plan import AXIS, OUR_WORLDS, LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
+from forefeel.report.page import still
+from forefeel.report.traces import axis_traces
 
 
 def run(world: str, duration_s: float) -> VirtualLoopback:
@@ -17,7 +21,7 @@ def run(world: str, duration_s: float) -> VirtualLoopback:
     return loop
 
 
-def test_cell_in_a_vessel_of_mujoco_is_repeatable() -> None:
+def test_cell_in_a_vessel_of_mujoco_is_repeatable(tmp_path: Path) -> None:
     first, second = run("coronary", 3.0), run("coronary", 3.0)
     assert first.messages == second.messages
     forces = [message.force_n for _, message, _ in first.messages if isinstance(message, ForceSample)]
@@ -25,6 +29,15 @@ def test_cell_in_a_vessel_of_mujoco_is_repeatable() -> None:
     states = [message for _, message, _ in first.messages if isinstance(message, SlaveState)]
     assert SafetyState.ARMED in {state.state for state in states}
     assert not any(state.stops for state in states)
+    first.write(tmp_path / "run.mcap")
+    recorded = Run(tmp_path / "run.mcap")
+    figure = still(recorded, AXIS, axis_traces(recorded, AXIS))
+    assert figure is not None
+    (spec,) = figure.specs
+    walls, shape = np.array([*spec["vessel"]["walls_mm"].values()]), np.array(spec["shape_mm"])
+    assert shape.shape == (24, 2)
+    middle = 0.5 * (walls[:, :2] + walls[:, 2:])
+    assert min(np.hypot(*(middle - shape[-1]).T)) < 1.5  # the tip is in the lumen
 
 
 def test_wire_that_leaves_its_vessel_is_a_fault_of_the_slave(tmp_path: Path) -> None:

@@ -53,6 +53,9 @@ class FakeHost(HostProbe):
     def running(self, state: Path) -> int | None:
         return self.process
 
+    def latched(self, state: Path) -> dict[str, str]:
+        return {}
+
     def loop(self, priority: int, seconds: float) -> LoopCheck:
         return self.loop_found
 
@@ -112,6 +115,14 @@ def disk(writable: bool, mode: int | None, free_bytes: float) -> Iterator[Findin
     return doctor.check_disk(Path("/var/lib/forefeel"), host)
 
 
+def latch(**latched: str) -> Iterator[Finding]:
+    cell = {"driver": "bota_serial", "port": "/dev/y", "full_scale_n": 10.0}
+    settings = SlaveSettings.model_validate(
+        {"axes": [{**STAGE, "load_cell": cell | {"filter_lag_s": 0.001, "pushes_only": True}}]}
+    )
+    return doctor.check_latch(settings, latched)
+
+
 NO_ANSWER = Reached("", obstacle=Obstacle("no answer from a:1", "check the cable"))
 STAGE = {"stage": ZABER, "load_cell": {"driver": "simulated"}, "gripper": {"driver": "simulated"}}
 TABLE: list[tuple[str, Level, Callable[[], Iterator[Finding]]]] = [
@@ -144,6 +155,8 @@ TABLE: list[tuple[str, Level, Callable[[], Iterator[Finding]]]] = [
     ("without anything", "green", lambda: doctor.check_caveats(SlaveSettings())),
     ("silent", "red", lambda: devices(STAGE, probed=replace(READY, verdict="failed", error="no answer"))),
     ("daemon runs", "amber", lambda: devices(STAGE, process=7, probed=replace(READY, verdict="failed"))),
+    ("latched", "red", lambda: latch(insertion="load cell pulls in the first contact")),
+    ("sign not told", "green", latch),
     ("state", "green", lambda: disk(True, 0o700, 5e10)),
     ("state to come", "green", lambda: disk(True, None, 5e10)),
     ("state that others read", "amber", lambda: disk(True, 0o755, 5e10)),
@@ -195,6 +208,14 @@ def test_clocks_are_asked_over_the_daemons_own_way() -> None:
     peer, client = host.asked
     assert (peer.mode, peer.connect, peer.listen) == ("peer", ("tcp/a:1", "tcp/127.0.0.1:7447"), ())
     assert (client.mode, client.connect) == ("client", ("tcp/a:1",))
+
+
+def test_sign_of_a_cell_is_told_by_what_the_last_run_latched_or_not_at_all(tmp_path: Path) -> None:
+    reason = "load cell pulls in the first contact: its sign is wrong; change load_cell.sign"
+    (tmp_path / "latched.json").write_text(json.dumps({"latched": {"insertion": reason}}))
+    assert [each.found for each in latch(**HostProbe().latched(tmp_path))] == [f"latched: {reason}"]
+    (unknown,) = latch(**HostProbe().latched(tmp_path / "none"))
+    assert unknown.found.startswith("not told without a motion")
 
 
 @pytest.mark.parametrize(("host", "code"), [(FakeHost(), 0), (FakeHost(reached=NO_ANSWER), 1)])

@@ -1,19 +1,27 @@
 """A contact by an engine of others: its port, what is hidden beside it, its faults, MuJoCo's models."""
 
 from collections.abc import Iterator, Sequence
-from importlib.metadata import EntryPoint, EntryPoints
+from importlib.metadata import EntryPoint, EntryPoints, entry_points
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import pytest
+import yaml
 
 from forefeel.common.causes.model import SCHEMA
 from forefeel.common.errors import ConfigurationError, DeviceError
 from forefeel.common.hardware import driver
-from forefeel.common.hardware.driver import Driver, installed_driver
+from forefeel.common.hardware.driver import SLOTS, Driver, installed_driver
+from forefeel.common.messages import ForceSample, InstrumentShape
+from forefeel.common.recording.mcap_reader import Run
 from forefeel.devices.mujoco.model import MujocoModel
 from forefeel.devices.mujoco.settings import MujocoSettings
+from forefeel.loopback.outcome import amber_lines
+from forefeel.loopback.plan import LoopbackOptions, make_plan
+from forefeel.loopback.virtual import VirtualLoopback
+from forefeel.report.summary import summarise
 from forefeel.slave.plant.foreign import WorldDriverSettings
 from forefeel.slave.plant.settings import world_settings
 from forefeel.slave.plant.world import SimulatedWorld
@@ -25,6 +33,9 @@ STIFFNESS_N_M = 40.0
 class SpringSettings(WorldDriverSettings):
     driver: Literal["spring"]
     breaks_at_m: float = 1.0
+    points: int = 0
+    friction_n: float = 0.0
+    force_sign: Literal[1, -1] = 1
 
 
 class Spring:
@@ -33,15 +44,20 @@ class Spring:
     period_s = 2e-4
 
     def __init__(self, settings: SpringSettings) -> None:
-        self._breaks_at_m = settings.breaks_at_m
+        self._breaks_at_m, self._points = settings.breaks_at_m, settings.points
+        self._friction_n, self._sign = settings.friction_n, settings.force_sign
+        self._tip_m = 0.0
 
-    def step(self, position_m: float, _velocity_m_s: float) -> float:
+    def step(self, position_m: float, velocity_m_s: float) -> float:
         if position_m > self._breaks_at_m:
             raise ArithmeticError("it broke")
-        return STIFFNESS_N_M * position_m
+        self._tip_m = position_m
+        rubs_n = self._friction_n * np.tanh(velocity_m_s / 1e-3)
+        return self._sign * (rubs_n or STIFFNESS_N_M * position_m)
 
     def shape_m(self) -> Sequence[tuple[float, float, float]]:
-        return ()
+        """A straight line with its tip at the carriage, 1 mm between two points."""
+        return [(self._tip_m - 1e-3 * i, 2e-3, 3e-3) for i in range(self._points)][::-1]
 
 
 SPRING = Driver(SpringSettings, f"{__name__}:Spring", "a spring")
@@ -49,7 +65,9 @@ SPRING = Driver(SpringSettings, f"{__name__}:Spring", "a spring")
 
 @pytest.fixture(autouse=True)
 def spring(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    found = EntryPoints([EntryPoint("spring", f"{__name__}:SPRING", "forefeel.worlds")])
+    groups = (f"forefeel.{slot}s" for slot in SLOTS if slot != "world")
+    others = (entry for group in groups for entry in entry_points(group=group))
+    found = EntryPoints([*others, EntryPoint("spring", f"{__name__}:SPRING", "forefeel.worlds")])
     monkeypatch.setattr(driver, "_installed", lambda: found)
     installed_driver.cache_clear()
     yield
@@ -101,6 +119,67 @@ def test_settings_of_a_world_are_checked_as_those_of_a_device() -> None:
         world_settings({"world": {"driver": "spring", "springs": 2}})
     again = world_settings(world_settings({"world": {"driver": "spring"}}).model_dump(mode="json"))
     assert isinstance(again.world, SpringSettings)
+
+
+def loopback(tmp_path: Path, duration_s: float, **world: object) -> VirtualLoopback:
+    """A run in virtual time, of strokes of 2 s."""
+    simulation = {"preset": "guidewire", "world": {"driver": "spring", **world}}
+    operator = {"insert_s": 0.9, "withdraw_s": 0.9, "dwell_s": 0.1}
+    file = {"simulation": simulation, "limits": {"max_force_n": 0.4}, "operator": operator}
+    (tmp_path / "spring.yaml").write_text(yaml.safe_dump(file))
+    options = LoopbackOptions(world=str(tmp_path / "spring.yaml"), duration_s=duration_s)
+    loop = VirtualLoopback(make_plan(options), 1)
+    loop.run(lambda _done_s: None)
+    return loop
+
+
+def shapes(tmp_path: Path, points: int) -> list[tuple[InstrumentShape, float]]:
+    """Shapes of 2 s, each with the readback of its moment."""
+    loop = loopback(tmp_path, 2.0, points=points)
+    at_m = {m.stamp_ns: m.position_m for _, m, _ in loop.messages if isinstance(m, ForceSample)}
+    return [(m, at_m[m.stamp_ns]) for _, m, _ in loop.messages if isinstance(m, InstrumentShape)]
+
+
+def test_shape_of_the_instrument_is_published_at_20_hz(tmp_path: Path) -> None:
+    heard = shapes(tmp_path, points=5)
+    assert {later.stamp_ns - m.stamp_ns for (m, _), (later, _) in pairwise(heard)} == {50 * MS}
+    assert len(heard) in range(40, 50)
+    inserted_m = heard[0][0].x_m[-1] - heard[0][1]
+    assert [m.x_m[-1] for m, _ in heard] == pytest.approx([at_m + inserted_m for _, at_m in heard], abs=1e-4)
+    assert len({m.x_m[-1] for m, _ in heard}) > 20
+    newest, _ = heard[-1]
+    assert np.diff(newest.x_m) == pytest.approx([1e-3] * 4)
+    assert (newest.y_m, newest.z_m) == ((2e-3,) * 5, (3e-3,) * 5)
+
+
+def test_shape_of_many_points_is_thinned_from_the_tip_on(tmp_path: Path) -> None:
+    (newest, _), (few, _) = shapes(tmp_path, points=129)[-1], shapes(tmp_path, points=64)[-1]
+    assert len(newest.x_m) == 43
+    assert np.diff(newest.x_m) == pytest.approx([3e-3] * 42)
+    assert newest.x_m[-1] == few.x_m[-1]
+    assert len(few.x_m) == 64
+
+
+def test_world_without_a_shape_publishes_none(tmp_path: Path) -> None:
+    assert shapes(tmp_path, points=0) == []
+
+
+@pytest.mark.parametrize("force_n", [0.015, 0.1])
+def test_reversed_force_of_a_world_is_a_fault_that_the_report_says(tmp_path: Path, force_n: float) -> None:
+    """One that shows in the first contact, and one that is too small for that."""
+    loopback(tmp_path, 10.0, friction_n=force_n, force_sign=-1).write(tmp_path / "run.mcap")
+    report = summarise(Run(tmp_path / "run.mcap"))
+    (line,) = amber_lines(report)
+    assert line.endswith("its sign is wrong; change simulation.world.force_sign.")
+    assert line in report.notes
+    assert report.stops == 1
+
+
+def test_force_of_a_world_that_resists_is_none(tmp_path: Path) -> None:
+    loopback(tmp_path, 10.0, friction_n=0.015).write(tmp_path / "run.mcap")
+    report = summarise(Run(tmp_path / "run.mcap"))
+    assert (amber_lines(report), report.stops) == ([], 0)
+    assert report.armed_share == 1.0
 
 
 MJCF = """

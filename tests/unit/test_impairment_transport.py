@@ -130,7 +130,7 @@ def test_what_is_for_the_recorder_only_does_not_cross() -> None:
     local = {topic.name for topic in TOPICS if not crosses(topic.taken_key("c", "a"))}
     assert local == {
         "master/haptics", "master/parameters", "master/timing", "slave/timing", "master/impairment",
-        "slave/impairment", "slave/calibration", "slave/cycle", "master/limit", "master/event",
+        "slave/impairment", "slave/calibration", "slave/cycle", "slave/shape", "master/limit", "master/event",
     }  # fmt: skip
     assert crosses(FORCE.taken_key("c", "a"))
     assert not crosses(FORCE.key("c", "a"))

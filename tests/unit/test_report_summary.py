@@ -16,7 +16,7 @@ from forefeel.common.topics import (
     SLAVE_HANDSHAKE,
     SLAVE_IMPAIRMENT,
 )
-from forefeel.loopback.outcome import amber_line, require_armed
+from forefeel.loopback.outcome import amber_lines, require_armed
 from forefeel.report.model import LoopFigures, Loops, RunReport
 from forefeel.report.page import ten_lines
 from forefeel.report.summary import summarise
@@ -218,7 +218,7 @@ def test_every_command_that_is_not_judged_is_counted_under_one_reason(tmp_path: 
 def test_a_line_is_amber_where_something_is_amiss(
     report: RunReport, found: dict[str, object], amber: bool
 ) -> None:
-    assert (amber_line(report.model_copy(update=found)) is not None) == amber
+    assert (len(amber_lines(report.model_copy(update=found))) == 1) == amber
 
 
 def test_slave_that_was_never_armed_fails_the_run(tmp_path: Path, report: RunReport) -> None:

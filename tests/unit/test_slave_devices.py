@@ -1,8 +1,9 @@
 """A slave axis and its devices: faults, limits, what it publishes of them."""
 
+from collections.abc import Callable
 from datetime import date
 from itertools import pairwise
-from math import inf, nan
+from math import copysign, cos, inf, nan, pi, sin
 
 import pytest
 
@@ -21,6 +22,7 @@ from tests.network import Party
 from tests.unit.rigs import MS, SESSION, START_M, SlaveRig
 
 S = SafetyState
+CLOSED = Grip.CLOSED
 
 
 @pytest.mark.parametrize("call", ["read", "command"])
@@ -190,18 +192,75 @@ def test_polarity_is_told_by_the_way_on_which_the_first_force_came(
 ) -> None:
     """Of an axis with a force limit of 1 N."""
     watch = PolarityWatch(1.0)
-    watch.fault(0, 0.0, 0.0, following=False)
+    watch.fault(0, StageReading(0.0, 0.0), 0.0, following=False, grip=CLOSED)
     for ms, position_m in enumerate(way_m, 1):
-        watch.fault(ms * MS, position_m, 0.0, following=True)
-    found = [watch.fault((10 + ms) * MS, way_m[-1], force_n, following=True) for ms in range(10)]
+        watch.fault(ms * MS, StageReading(position_m, 0.0), 0.0, following=True, grip=CLOSED)
+    at = StageReading(way_m[-1], 0.0)
+    found = [watch.fault((10 + ms) * MS, at, force_n, following=True, grip=CLOSED) for ms in range(10)]
     assert any(found) == fault
 
 
 def test_a_wire_that_is_inserted_already_tells_nothing_of_polarity() -> None:
     """Its friction turns on the way, whatever that is."""
     watch = PolarityWatch(1.0)
-    watch.fault(0, 0.0, -0.2, following=False)
-    assert not any(watch.fault(ms * MS, 0.001 * ms, -0.2, following=True) for ms in range(1, 20))
+    watch.fault(0, StageReading(0.0, 0.0), -0.2, following=False, grip=CLOSED)
+    ways = ((ms, StageReading(0.001 * ms, 1.0)) for ms in range(1, 20))
+    assert not any(watch.fault(ms * MS, way, -0.2, following=True, grip=CLOSED) for ms, way in ways)
+
+
+def friction(x_m: float, v_m_s: float, _stroke: int) -> float:
+    return 0.1 + copysign(0.2, v_m_s)
+
+
+def wall_late_by_10_ms(x_m: float, v_m_s: float, _stroke: int) -> float:
+    return 100.0 * (x_m - 0.01 * v_m_s)
+
+
+def adhesion(x_m: float, v_m_s: float, _stroke: int) -> float:
+    """A wall that holds on to what is drawn back."""
+    return 20.0 * x_m if v_m_s > 0.0 else -0.3
+
+
+def heart(x_m: float, v_m_s: float, stroke: int) -> float:
+    """A contact without friction that pushes on the way out, in every third stroke on the way in."""
+    return 0.15 if (v_m_s < 0.0) == (stroke % 3 < 2) else 0.0
+
+
+Force = Callable[[float, float, int], float]
+STROKE_S, DEPTH_M = 2.0, 0.02
+
+
+def first_fault_s(force: Force, sign: int, regrips: bool = False) -> float | None:
+    """Time of the fault in 20 s of strokes, with a limit of 1 N, that begin loaded."""
+    watch = PolarityWatch(1.0, "simulation.world.force_sign")
+    watch.fault(0, StageReading(0.0, 0.0), -sign * 0.2, following=False, grip=CLOSED)
+    for ms in range(1, 20_000):
+        phase = 2.0 * pi * ms * 1e-3 / STROKE_S
+        x_m, v_m_s = 0.5 * DEPTH_M * (1.0 - cos(phase)), pi * DEPTH_M / STROKE_S * sin(phase)
+        grip = Grip.OPEN if regrips and v_m_s > 0.0 else CLOSED
+        force_n = sign * force(x_m, v_m_s, int(ms * 1e-3 / STROKE_S)) if grip is CLOSED else 0.0
+        if fault := watch.fault(ms * MS, StageReading(x_m, v_m_s), force_n, following=True, grip=grip):
+            assert fault.endswith("its sign is wrong; change simulation.world.force_sign")
+            return ms * 1e-3
+    return None
+
+
+@pytest.mark.parametrize("force", [friction, adhesion])
+def test_force_that_drives_the_first_three_strokes_has_the_wrong_sign(
+    force: Force,
+) -> None:
+    assert first_fault_s(force, -1) == pytest.approx(3.0 * STROKE_S + 0.2, abs=0.2)
+    assert first_fault_s(force, 1) is None
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_force_that_only_seems_to_drive_strokes_tells_nothing(sign: int) -> None:
+    assert first_fault_s(wall_late_by_10_ms, sign) is None
+    assert first_fault_s(friction, sign, regrips=True) is None
+
+
+def test_contact_that_drives_some_strokes_is_no_fault() -> None:
+    assert first_fault_s(heart, 1) is None
 
 
 CELL = LoadCellCalibration(

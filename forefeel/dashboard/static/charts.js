@@ -13,7 +13,7 @@ const DOTTED = [0.1, 5], DASHED = [7, 5];
 export class Charts {
   constructor(force, position, picture, wants) {
     Object.assign(this, { force, position, picture, frame: null, hover: null, picked: null });
-    Object.assign(this, { vessel: null, friction: {}, late_ms: null, reach_mm: [], rows: null });
+    Object.assign(this, { vessel: null, friction: {}, late_ms: null, reach_mm: [], box_mm: null, rows: null });
     this.ranges = [new Range(0.05, 5), new Range(0.05, 2), new Range(0.5, 3)];
     const hover = (x, from = null) => {
       this.hover = x;
@@ -83,13 +83,20 @@ export class Charts {
     const before_mm = (vessel?.tip_mm ?? 0) - 1e3 * (at("readback", reported_s, 2) ?? 0);
     const tip_mm = milli(at("readback", reported_s), before_mm), commanded_mm = milli(at("commanded", t_s), before_mm);
     const [most_mn, most_felt_mn] = this.ranges.map((range) => 1e3 * Math.max(-range.min, range.max));
-    if (this.rows !== traces.rows) Object.assign(this, { rows: traces.rows, reach_mm: [] });
+    if (this.rows !== traces.rows) Object.assign(this, { rows: traces.rows, reach_mm: [], box_mm: null });
     const reached = [...this.reach_mm, tip_mm, commanded_mm].filter((mm) => mm !== null);
     if (reached.length) this.reach_mm = [Math.min(...reached), Math.max(...reached)];
+    const shapes = traces.rows.shape ?? [], shape_mm = (shapes.findLast(([since_s]) => since_s <= reported_s) ?? shapes[0])?.[1] ?? null;
+    for (const [x, y] of shape_mm ?? []) {
+      const [x0, y0, x1, y1] = this.box_mm ?? [x, y, x, y];
+      this.box_mm = [Math.min(x0, x), Math.min(y0, y), Math.max(x1, x), Math.max(y1, y)];
+    }
     this.drawn = {
+      shape_mm, box_mm: this.box_mm,
       vessel, tip_mm, commanded_mm, late_ms, most_mn, most_felt_mn, ...this.friction, reach_mm: reached.length ? this.reach_mm : [0, 1],
       predicted_mn: milli(at("predicted", t_s)), felt_mn: milli(at("felt", t_s)), measured_mn: milli(at("late", t_s)),
     };
+    this.picture.closest(".ff-left").classList.toggle("bent", shape_mm !== null);
     drawVessel(this.picture, this.drawn);
   }
 }

@@ -1,5 +1,7 @@
 // An instrument in its vessel, in profile. drawVessel(canvas, spec): the same spec gives the same picture. Texts are
 // drawn, never parsed; what is null or missing is not known and not drawn. Places along the path are in mm. A spec is JSON:
+//   shape_mm: [[x, y], ...] of the instrument, tip last, to scale and in place of the straight profile; null: that one
+//   box_mm: [x, y, x, y] where it has been, which is shown where vessel.walls_mm: {mm: [x, y, x, y]} are not known
 //   vessel: {instrument_radius_mm, lumen_radius_mm: {mm: radius}, landmarks_mm: {name: mm}, to_scale}; null: a line
 //   reach_mm: [least, most] where the instrument has been; what is shown follows from it
 //   tip_mm: where the stage reports it, commanded_mm: where the hand wants it
@@ -10,20 +12,15 @@
 import { nice } from "./chart.js";
 import { colour, prepare } from "./layers.js";
 
-const LANE_PX = 18, AXIS_PX = 22, WALL_PX = 8, STEP_PX = 4, THINNEST_PX = 3.5, MARK_MM = 10, STILL_MM = 0.3, LEAST_MM = 20, HATCH_PX = 7, HEAD_PX = 10;
+const MARGIN_PX = 16, TIP_PX = 6, LANE_PX = 18, AXIS_PX = 22, WALL_PX = 8, STEP_PX = 4, THINNEST_PX = 3.5, MARK_MM = 10, STILL_MM = 0.3, LEAST_MM = 20, HATCH_PX = 7, HEAD_PX = 10;
 const LINE = { instrument_radius_mm: 1, lumen_radius_mm: {}, landmarks_mm: {}, to_scale: true };
 const inMn = (mn, most_mn) => `${mn.toFixed(most_mn < 50 ? 1 : 0).replace("-", "\u2212")} mN`;
 
 export function drawVessel(canvas, spec) {
   const sized = prepare(canvas);
   if (!sized) return;
-  const picture = new Picture(canvas, spec, sized), { valve } = picture.vessel.landmarks_mm;
-  if (spec.vessel) picture.walls();
-  else picture.line([[0, picture.middle], [sized.width, picture.middle]], "line", 1.5);
-  picture.axis();
-  if (spec.tip_mm !== null) picture.instrument();
-  if (spec.commanded_mm !== null) picture.commanded(picture.atX(spec.commanded_mm));
-  if (valve !== undefined) picture.valve(picture.atX(valve));
+  const picture = spec.shape_mm ? new Bent(canvas, spec, sized) : new Picture(canvas, spec, sized);
+  picture.all();
   const { most_mn, most_felt_mn, late_ms } = spec, late = late_ms === null ? "late" : `${late_ms} ms late`;
   picture.arrow("predicted", "now", spec.predicted_mn, most_mn, spec.commanded_mm, 0);
   // it has a scale of its own where it is scaled for the hand
@@ -45,6 +42,7 @@ function shown({ vessel, reach_mm: [low, high] }) {
   return { min: start - 0.14 * (max - start), max };
 }
 
+/** In profile along a straight path, across it not to the same scale. */
 class Picture {
   constructor(canvas, spec, { pen, width, height }) {
     const vessel = spec.vessel ?? LINE, top = 2 * LANE_PX + 4, bottom = height - AXIS_PX - LANE_PX - 2;
@@ -58,6 +56,19 @@ class Picture {
     this.shaft = Math.max(THINNEST_PX, vessel.instrument_radius_mm * this.scale);
     this.tip = spec.tip_mm === null ? -Infinity : this.atX(spec.tip_mm);
   }
+
+  all() {
+    const { spec, middle, width, vessel: { landmarks_mm: { valve } } } = this;
+    if (spec.vessel) this.walls();
+    else this.line([[0, middle], [width, middle]], "line", 1.5);
+    this.axis();
+    if (spec.tip_mm !== null) this.instrument();
+    if (spec.commanded_mm !== null) this.commanded(this.atX(spec.commanded_mm));
+    if (valve !== undefined) this.valve(this.atX(valve));
+  }
+
+  /** Where an arrow of that lane meets the instrument whose tip is at mm. */
+  anchor(mm, lane) { return [this.atX(mm), this.middle + (lane < 2 ? -this.shaft : this.shaft)]; }
 
   line(points, name, width, { alpha = 1, dash = [], fill = "" } = {}) {
     const { pen } = this;
@@ -171,10 +182,10 @@ class Picture {
 
   arrow(hue, more, mn, most_mn, at_mm, lane) {
     if (mn === null || at_mm === null) return;
-    const { pen, middle, shaft, width } = this, ghost = lane === 2, x = this.atX(at_mm), y = lane < 2 ? 11 + lane * LANE_PX : this.bottom + LANE_PX / 2 + 2;
+    const { pen, width } = this, ghost = lane === 2, [x, end] = this.anchor(at_mm, lane), y = lane < 2 ? 11 + lane * LANE_PX : this.bottom + LANE_PX / 2 + 2;
     const long = Math.min(1, Math.abs(mn) / most_mn) * Math.min(150, width / 5), head = Math.min(HEAD_PX, long), sign = Math.sign(mn);
     const [tail, point] = mn >= 0 ? [x + long, x] : [x, x + long];
-    this.line([[x, y], [x, middle + (lane < 2 ? -shaft : shaft)]], hue, 1, { alpha: 0.55, dash: [1, 3] });
+    this.line([[x, y], [x, end]], hue, 1, { alpha: 0.55, dash: [1, 3] });
     this.line([[tail, y], [point + sign * head * 0.6, y]], hue, ghost ? 3.2 : 4.5, ghost ? { dash: [0.1, 6.5] } : {});
     const corners = [[0, 0], [head, -0.6 * head], [head, 0.6 * head], [0, 0]].map(([dx, dy]) => [point + sign * dx, y + dy]);
     this.line(corners, hue, 1.6, ghost ? {} : { fill: hue });
@@ -185,5 +196,56 @@ class Picture {
       const wide = pen.measureText(text).width, at = right + wide <= width ? right : left >= wide ? left - wide : null;
       if (at !== null) { pen.fillText(text, at, y); return; }
     }
+  }
+}
+
+/** As it is bent, seen from above its plane, with the same scale along both axes. */
+class Bent extends Picture {
+  constructor(canvas, spec, sized) {
+    super(canvas, spec, sized);
+    const rows = Object.entries(this.vessel.walls_mm ?? {}).map(([mm, ends]) => [Number(mm), ...ends]).sort((a, b) => a[0] - b[0]);
+    const points = rows.length ? rows.flatMap(([, ...ends]) => [ends.slice(0, 2), ends.slice(2)]) : [spec.box_mm.slice(0, 2), spec.box_mm.slice(2)];
+    const [[x0, x1], [y0, y1]] = [0, 1].map((axis) => points.map((point) => point[axis])).map((each) => [Math.min(...each), Math.max(...each)]);
+    const { width, top, bottom } = this;
+    this.per_mm = Math.min((width - 2 * MARGIN_PX) / Math.max(x1 - x0, 1), (bottom - top) / Math.max(y1 - y0, 1));
+    this.at = ([x, y]) => [width / 2 + (x - (x0 + x1) / 2) * this.per_mm, (top + bottom) / 2 - (y - (y0 + y1) / 2) * this.per_mm];
+    this.wire = spec.shape_mm.map(this.at);
+    this.rows = rows.map(([mm, ...ends]) => [mm, this.at(ends), this.at(ends.slice(2))]);
+  }
+
+  all() {
+    const { spec, wire, rows } = this, [left, right] = [1, 2].map((side) => rows.map((row) => row[side]));
+    this.line([...left, ...right.toReversed()], "lumen", 0, { fill: "lumen" });
+    for (const wall of [left, right]) this.line(wall, "wall", 1.6);
+    this.rule();
+    if (spec.tip_mm === null) return;
+    const wide = Math.max(THINNEST_PX, 2 * (spec.vessel?.instrument_radius_mm ?? 0) * this.per_mm), tip = wire.at(-1), before = wire.at(-2) ?? tip;
+    const long = Math.hypot(tip[0] - before[0], tip[1] - before[1]) || 1, end = tip.map((each, axis) => each - (TIP_PX / long) * (each - before[axis]));
+    this.line(wire, "shaft-edge", wide + 2);
+    this.line(wire, "shaft", wide);
+    this.line([end, tip], "readback", wide + 1);
+    if (spec.commanded_mm !== null && rows.length) this.ghost(spec.commanded_mm);
+  }
+
+  /** On the middle of the vessel, from there where the wire is reported to there where the hand wants it. */
+  ghost(commanded_mm) {
+    const [from, to] = [this.spec.tip_mm, commanded_mm].toSorted((a, b) => a - b), inside = this.rows.map((row) => row[0]).filter((mm) => mm > from && mm < to);
+    this.line([from, ...inside, to].map((mm) => this.middleAt(mm)), "predicted", 1.6, { dash: [3, 4] });
+  }
+
+  middleAt(mm) {
+    const { rows } = this, i = Math.max(1, rows.findIndex((row) => row[0] >= mm)), [[mm0, a, b], [mm1, c, d]] = [rows[i - 1], rows[i]];
+    const share = (mm - mm0) / (mm1 - mm0);
+    return [0, 1].map((axis) => ((1 - share) * (a[axis] + b[axis]) + share * (c[axis] + d[axis])) / 2);
+  }
+
+  /** At the tip; what is as new as the hand where that is by now. */
+  anchor(mm, lane) { return lane < 2 && this.rows.length ? this.middleAt(mm) : this.wire.at(-1); }
+
+  /** 10 mm, in the lower left corner. */
+  rule() {
+    const { pen } = this, y = this.height - 8, long = MARK_MM * this.per_mm;
+    this.line([[8, y - 4], [8, y], [8 + long, y], [8 + long, y - 4]], "soft", 1.2);
+    Object.assign(pen, { textAlign: "left", textBaseline: "bottom", fillStyle: this.of("soft") }).fillText(`${MARK_MM} mm`, 14 + long, y + 3);
   }
 }

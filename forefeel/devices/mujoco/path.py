@@ -2,12 +2,14 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
-from math import ceil
+from math import ceil, copysign, radians
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
+
+from forefeel.devices.mujoco.settings import GuidewireSettings
 
 Array = NDArray[np.float64]
 
@@ -64,6 +66,12 @@ class Path:
         distance, nearest = self._tree.query(points)
         return float(np.max(distance + radius_m - self._half_m[nearest]))
 
+    def walls_m(self, s: float) -> Array:
+        """x and y of the left wall, then of the right one, at that arc length."""
+        x, y, turn = self.at(s)
+        off_x, off_y = self._piece(s)[1].half_m * np.array([-np.sin(turn), np.cos(turn)])
+        return np.array([x + off_x, y + off_y, x - off_x, y - off_y])
+
     def crosses_itself(self) -> bool:
         """True if a wall stands in another part of the lumen."""
         line, half = self.line[::10], self._half_m[::10]
@@ -86,6 +94,20 @@ class Path:
                 axis = [(x - off * np.sin(turn), y + off * np.cos(turn)) for x, y, turn in ends]
                 for a, b in pairwise(axis):
                     yield Bar(*a, *b, radius)
+
+
+def vessel_path(settings: GuidewireSettings) -> Path:
+    """The guide catheter and the pieces of the vessel behind it."""
+    half_m = 0.5 * settings.lumen_m
+    pieces = [Piece(settings.guide_m, 0.0, 0.5 * GUIDE_M)]
+    for piece in settings.pieces:
+        if piece.radius_m is None:
+            assert piece.length_m is not None
+            pieces.append(Piece(piece.length_m, 0.0, half_m))
+        else:
+            turn = radians(piece.turn_deg or 0.0)
+            pieces.append(Piece(piece.radius_m * abs(turn), copysign(1.0 / piece.radius_m, turn), half_m))
+    return Path(tuple(pieces))
 
 
 def _along(start: tuple[float, float, float, float], piece: Piece, s: float) -> tuple[float, float, float]:

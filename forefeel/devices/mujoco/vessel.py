@@ -1,10 +1,8 @@
 """The vessel of a YAML file with its guidewire: a world that steps twice in a millisecond."""
 
-from math import radians
-
 from forefeel.common.errors import ConfigurationError
-from forefeel.devices.mujoco.path import GUIDE_M, WALL_M, Path, Piece
-from forefeel.devices.mujoco.settings import GuidewireSettings, PieceSettings
+from forefeel.devices.mujoco.path import WALL_M, vessel_path
+from forefeel.devices.mujoco.settings import GuidewireSettings
 from forefeel.devices.mujoco.wire import Guidewire, WireChain
 
 
@@ -19,11 +17,7 @@ def make_vessel(settings: GuidewireSettings) -> Guidewire:
     tightest_m, least_m = min(piece.radius_m or 1.0 for piece in settings.pieces), half_m + 2.0 * WALL_M
     if tightest_m < least_m:
         raise ConfigurationError(f"vessel: radius_m = {tightest_m:g}; expected at least {least_m:g}")
-    pieces = (
-        Piece(settings.guide_m, 0.0, 0.5 * GUIDE_M),
-        *(_piece(piece, half_m) for piece in settings.pieces),
-    )
-    path, length_m = Path(pieces), settings.guide_m + settings.inserted_m
+    path, length_m = vessel_path(settings), settings.guide_m + settings.inserted_m
     reaches_m = length_m + settings.guide_m  # the stage at the end of its travel
     if path.length_m < reaches_m:
         within = f"{reaches_m:g} m: what the wire reaches at the end of the guide"
@@ -35,11 +29,3 @@ def make_vessel(settings: GuidewireSettings) -> Guidewire:
     world = Guidewire(wire, path, settings.friction)
     world.settle()
     return world
-
-
-def _piece(settings: PieceSettings, half_m: float) -> Piece:
-    if settings.radius_m is None:
-        assert settings.length_m is not None
-        return Piece(settings.length_m, 0.0, half_m)
-    turn = radians(settings.turn_deg or 0.0)
-    return Piece(settings.radius_m * abs(turn), (1.0 if turn > 0.0 else -1.0) / settings.radius_m, half_m)

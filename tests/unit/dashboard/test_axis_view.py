@@ -12,6 +12,7 @@ from forefeel.common.topics import (
     HAPTICS,
     LIMIT_EVENT,
     SAFETY_EVENT,
+    SHAPE,
     SLAVE_HANDSHAKE,
     SLAVE_STATE,
 )
@@ -51,6 +52,18 @@ def test_an_answer_to_a_command_far_away_can_not_stretch_the_time() -> None:
     for tick, stamp_ns in enumerate((2**62, 1, 9 * S + 100 * S)):
         view.take(FORCE, force(tick, tick, (1, stamp_ns)), 10 * S + 40 * tick * MS)
     assert np.nanmax(view.traces["readback"].since(0).rows[:, 0]) < 2.0
+
+
+def test_shape_stands_at_the_command_that_the_force_of_then_answers() -> None:
+    view, now_ns = viewed(3.0)
+    shape = usual(SHAPE)
+    view.take(SHAPE, shape, now_ns)
+    ((at_s, points),) = view.shapes.since(0)
+    assert points == [(0.0, 0.0), (10.0, 0.0), (20.0, 3.0)]
+    assert at_s == pytest.approx(view.timeline.now_s(now_ns) - 0.3, abs=0.01)
+    alone = AxisView()
+    alone.take(SHAPE, shape, 9 * S)
+    assert alone.shapes.since(0) == [(0.0, points)]
 
 
 def test_stage_that_moves_with_open_fixture_moves_no_tip() -> None:

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from forefeel.common.topics import SAFETY_EVENT, SLAVE_STATE
+from forefeel.common.topics import SAFETY_EVENT, SHAPE, SLAVE_STATE
 from forefeel.dashboard.cell_view import CellView
 from forefeel.dashboard.feed import Feed
 from tests.messages import usual
@@ -19,6 +19,20 @@ def test_points_are_sent_once_and_none_is_left_out() -> None:
         got += feed.answer(cell, AXIS, now_ns)["traces"]["felt"]
     whole = Feed().answer(cell, AXIS, now_ns)["traces"]["felt"]
     assert got == whole
+
+
+def test_shapes_are_sent_once_and_no_more_than_are_kept() -> None:
+    cell, feed = CellView(), Feed()
+    now_ns = receive(cell, talk(1, 500))
+
+    def sent(first: int, last: int) -> list[float]:
+        """x in mm of the tips that are sent after shapes of those numbers were received."""
+        for number in range(first, last):
+            cell.take(AXIS, SHAPE, usual(SHAPE, x_m=(0.0, 1e-3 * number), y_m=(0.0, 0.0)), now_ns)
+        return [points[-1][0] for _, points in feed.answer(cell, AXIS, now_ns)["traces"]["shape"]]
+
+    assert (sent(0, 3), sent(3, 3), sent(3, 5)) == ([0.0, 1.0, 2.0], [], [3.0, 4.0])
+    assert sent(5, 1000) == [float(number) for number in range(600, 1000)]
 
 
 def test_cards_come_when_they_say_something_new_and_slow_ones_seldom() -> None:
