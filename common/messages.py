@@ -265,7 +265,10 @@ class SlaveState(Message):
 
 
 class MasterState(Message):
-    """The master's state, 10 Hz: what it shows to the operator, delay, counters, `caveats` as the slave."""
+    """The master's state, 10 Hz: what it shows to the operator, delay, counters, `caveats` as the slave.
+
+    `force_scale`: of the rendered force to the one at the contact; None up to protocol 6.
+    """
 
     most_bytes: ClassVar[int] = 24 * 1024
     most_items: ClassVar[int] = 256
@@ -274,6 +277,7 @@ class MasterState(Message):
     reason: ShortText
     deadman: bool
     clutched_s: Seconds
+    force_scale: Annotated[float, Field(ge=0.0, le=100.0)] | None = None
     clock_offset_ns: Stamp | None
     clock_bound_ns: NonNegativeInt | None
     counters: dict[Name, NonNegativeInt]

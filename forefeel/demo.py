@@ -75,7 +75,7 @@ def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float =
     again = f"{viewer.url} shows both runs again, report and diagnosis, until {viewer.until}"
     lines = _lines(first, diagnosis, second, out, again if viewer.url else "none")
     before_n = first.transparency and quantity(first.transparency.felt.rms_n, "N")
-    felt = f"{felt_text(second.transparency)}; {before_n} in the first run"
+    felt = f"{felt_text(second)}; {before_n} in the first run"
     show(*lines, DISCLAIMER, f"Felt        {felt}")
     pages["second run"] = out / REPORT
     viewer.stay(felt, out / RECORDING, pages)
@@ -102,7 +102,7 @@ def _lines(first: RunReport, diagnosis: Diagnosis, second: RunReport, out: Path,
     away = quantity(first.delay_s.p50, "s")
     hidden = (f"{name}: {', '.join(map(_value, values, values.values()))}" for name, values in HIDDEN.items())
     return [
-        f"First run   {away} away, nothing known: {felt_text(first.transparency)}",
+        f"First run   {away} away, nothing known: {felt_text(first)}",
         f"Hidden      {'; '.join(hidden)}",
         f"Diagnosis   {_diagnosis_text(diagnosis)}",
         f"Second run  starts with {_start_text(diagnosis)}",

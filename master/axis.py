@@ -70,7 +70,7 @@ class MasterAxis:
         self._instance_id = new_id()
         self._shared = shared_text(cell, settings.name, settings.limits)
         self._drivers = {"handle": driver_of("handle", settings.handle).origin}
-        self._caveats = settings.caveats
+        self._caveats, self._force_scale = settings.caveats, settings.rendering.force_scale
         self._slave_caveats: tuple[str, ...] = ()
         self._loop = loop
         self._bus = bus
@@ -385,6 +385,7 @@ class MasterAxis:
                 reason=(fault or self._reason(now_ns))[:256],
                 deadman=self._deadman,
                 clutched_s=self.handle.clutched_out_s,
+                force_scale=self._force_scale,
                 clock_offset_ns=best.offset_ns if best else None,
                 clock_bound_ns=best.bound_ns if best else None,
                 counters=saturated(self._count()),

@@ -103,15 +103,13 @@ class Plan:
 
     def recorded(self) -> dict[str, str]:
         """Metadata for the recording, as text by name: the run's, the vessel if there is one, and, if stage
-        and load cell are simulated, the slave's axis and the force scale.
+        and load cell are simulated, the slave's axis.
         """
         axis, vessel = self.slave_settings().axes[0], self.vessel()
         drawn = {} if vessel is None else {RECORDED: vessel.model_dump_json()}
         if {axis.stage.driver, axis.load_cell.driver} != {"simulated"}:
             return {**self.metadata, **drawn}
-        scale = self.master_settings().axes[0].rendering.force_scale
-        simulated = {"slave_axis": axis.model_dump_json(), "force_scale": f"{scale!r}"}
-        return {**self.metadata, **drawn, **simulated}
+        return {**self.metadata, **drawn, "slave_axis": axis.model_dump_json()}
 
     def vessel(self) -> VesselSettings | None:
         """Vessel of the simulated world, for the picture; None where recorded forces or an engine of others

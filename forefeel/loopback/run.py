@@ -49,7 +49,7 @@ def run_loopback(
         judge(report)
         suggest("diagnose", folder / RECORDING, out=folder / "diagnosis", overwrite=overwrite)
         pages = {"report": (folder / REPORT).absolute()}
-        viewer.stay(felt_text(report.transparency), folder / RECORDING, pages)
+        viewer.stay(felt_text(report), folder / RECORDING, pages)
 
 
 def judge(report: "RunReport") -> None:

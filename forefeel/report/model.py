@@ -85,7 +85,8 @@ class SafetyNote(_Part):
 class AxisReport(_Part):
     """One axis. What was not recorded is None, or empty.
 
-    `transparency`: None without a simulated world. `hand_energy_j`: that the hand had put into the handle at
+    `transparency`: by the twin, None without a simulated world; `transparency_as_measured`: by the measured
+    force. `hand_energy_j`: that the hand had put into the handle at
     the end, and at its lowest (negative: given). `settings`: that both ends agreed on, JSON. `calibrations`:
     that drivers of the slave had loaded, see `forefeel.common.messages.Calibration`.
     """
@@ -93,6 +94,7 @@ class AxisReport(_Part):
     axis: str | None = None
     commands: ScoredCommands = ScoredCommands()
     transparency: Transparency | None = None
+    transparency_as_measured: Transparency | None = None
     prediction: ErrorSize = ErrorSize()
     zoh: ErrorSize = ErrorSize()
     ratio: float | None = None

@@ -31,7 +31,7 @@ from forefeel.report.score import scored
 from forefeel.report.summary import MOST_EVENTS, SETTLING_S, last, summarise
 from forefeel.report.template import render
 from forefeel.report.traces import AxisTraces, ParameterTraces, axis_traces, sent_ns
-from forefeel.report.transparency import JND_FLOOR_N, JND_SHARE
+from forefeel.report.transparency import JND_FLOOR_N, JND_SHARE, Transparency
 from forefeel.report.vessel import friction, of_recording
 from forefeel.report.wording import (
     DISCLAIMER,
@@ -278,11 +278,13 @@ def _parameter(traces: AxisTraces, known: ParameterTraces, index: int) -> Layer:
 
 
 def story(part: AxisReport) -> tuple[str, list[str]]:
-    """Headline on the error of the felt force (of the predicted one without a simulated world) beside the
-    late one's, and sentences of detail; none, and a headline that says so, where no force was judged.
+    """Headline on the error of the felt force (of the predicted one where no scale to the hand was recorded)
+    beside the late one's, and sentences of detail; none, and a headline that says so, where no force was
+    judged.
     """
-    felt, scored_n = part.transparency, part.commands.scored
-    if felt is None and not scored_n:
+    twin, measured = part.transparency, part.transparency_as_measured
+    felt = twin or measured
+    if felt is None and not part.commands.scored:
         return "Nothing was judged: there is no force to compare with.", []
     ahead = "Now" if part.delay_s.p50 is None else f"{1e3 * part.delay_s.p50:.0f} ms ahead"
     model = (
@@ -292,14 +294,24 @@ def story(part: AxisReport) -> tuple[str, list[str]]:
     )
     if felt is None:
         return f"{ahead}, the force was predicted with {_in_place(part.prediction, part.zoh)}.", [model]
+    beside = [
+        *([_felt("that of a twin of the simulated world without noise and delay", twin)] if twin else []),
+        *([_felt("the one measured at its command", measured)] if measured else []),
+    ]
     return f"{ahead}, the hand felt the force with {_in_place(felt.felt, felt.held)}.", [
-        f"{share(felt.within_jnd)} of the time no hand could tell the felt force from the true one: they "
-        f"differed by less than {JND_SHARE * 100:g} %, or {quantity(JND_FLOOR_N, 'N')}. True is the force of "
-        "a twin of the simulated world without noise and delay.",
-        f"The felt force was {offset_text(felt.offset_s)} in place of {offset_text(felt.held_offset_s)}, "
-        "by the shift at which it correlates best with the true one.",
+        *beside,
+        f"No hand tells less than {JND_SHARE * 100:g} %, or {quantity(JND_FLOOR_N, 'N')}; late is the shift "
+        "at which the forces correlate best.",
         model,
     ]
+
+
+def _felt(reference: str, score: Transparency) -> str:
+    return (
+        f"{share(score.within_jnd)} of the time no hand could tell the felt force from {reference}: it had "
+        f"{_in_place(score.felt, score.held)}, and was {offset_text(score.offset_s)} in place of "
+        f"{offset_text(score.held_offset_s)}."
+    )
 
 
 def _in_place(size: ErrorSize, late: ErrorSize) -> str:
@@ -343,7 +355,7 @@ def ten_lines(report: RunReport, directory: Path | None = None) -> list[str]:
     lines = [
         f"Run        {report.recording}: {report.duration_s:.1f} s{ended}, axis {report.axis or 'none'}, "
         f"impairment {report.impairment or 'unknown'}, seed {report.seed or 'unknown'}",
-        f"Felt       {felt_text(report.transparency)}",
+        f"Felt       {felt_text(report)}",
         f"Prediction {_prediction_text(report)}",
         f"Scored     {report.commands.scored} of {report.commands.sent} commands; "
         f"{not_scored(report.commands) or 'all'}",

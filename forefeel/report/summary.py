@@ -38,7 +38,7 @@ from forefeel.report.model import (
 from forefeel.report.score import PredictionComparison, compare, scored, spread
 from forefeel.report.states import armed_share
 from forefeel.report.traces import AxisTraces, CommandTraces, axis_traces, run_span_ns, sent_ns
-from forefeel.report.transparency import run_transparency
+from forefeel.report.transparency import against_twin, as_measured
 from forefeel.report.wording import fault_texts
 
 SETTLING_S = 3.0
@@ -97,7 +97,8 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
     return AxisReport(
         axis=axis,
         commands=commands,
-        transparency=run_transparency(run, axis, traces.commands),
+        transparency=against_twin(run, axis, traces.commands),
+        transparency_as_measured=as_measured(run, axis, traces.commands),
         prediction=overall.prediction,
         zoh=overall.zoh,
         ratio=overall.ratio,

@@ -1,11 +1,12 @@
-"""Transparency: the force that the hand felt, against the force of a noise-free twin of the simulated world.
+"""Transparency: the force that the hand felt, against the one that it should have felt of the same command.
 
-With s the `force_scale` and t the force with which the twin answers a command at once, over the commands that
-were sent while the slave followed:
+With s the `force_scale` and r the reference, over the commands that were sent while the slave followed:
 
-    error = felt - s t,   R = rms(felt - s t) / rms(s held - s t),   JND = max(7 % of |s t|, 30 mN)
+    error = felt - s r,   R = rms(felt - s r) / rms(s held - s r),   JND = max(7 % of |s r|, 30 mN)
 
-Held: the newest force that had arrived. JND: the just noticeable difference of a force at the hand, 5 to 10 %
+Held: the newest force that had arrived. r is the force of a noise-free twin of the simulated world, which
+answers a command at once; or, as measured, the first force that the slave measured while it executed the
+command, laid back by the command's way. JND: the just noticeable difference of a force at the hand, 5 to 10 %
 of it (Pang, Tan, Durlach 1991); the finger's absolute threshold is 29 to 44 mN (docs/how-to/tuning.md).
 """
 
@@ -21,7 +22,7 @@ from forefeel.common.limiter import MotionLimiter
 from forefeel.common.messages import MotionCommand
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.time_offset import time_offset_s
-from forefeel.common.topics import COMMAND, FORCE, HAPTICS
+from forefeel.common.topics import COMMAND, FORCE, HAPTICS, MASTER_STATE
 from forefeel.report.score import compare
 from forefeel.report.traces import CommandTraces
 from forefeel.slave.plant.world import SimulatedWorld
@@ -100,25 +101,49 @@ def transparency(felt_n: Floats, held_n: Floats, true_n: Floats) -> Transparency
     return Transparency(compared.commands, compared.prediction, compared.zoh, compared.ratio, jnd_rms, within)
 
 
-def run_transparency(run: Run, axis: str, commands: CommandTraces) -> Transparency | None:
-    """Transparency of one axis; None where no simulated world of this axis was recorded, or no command was
-    followed.
+def against_twin(run: Run, axis: str, commands: CommandTraces) -> Transparency | None:
+    """Transparency of one axis by the twin; None where no simulated world of this axis was recorded, or no
+    command was followed.
     """
-    of_run = run.metadata.get("run", {})
     try:
-        settings = SlaveAxisSettings.model_validate_json(of_run["slave_axis"])
-        scale = float(of_run["force_scale"])
+        settings = SlaveAxisSettings.model_validate_json(run.metadata.get("run", {})["slave_axis"])
     except (KeyError, ValueError):
         return None
     if settings.name != axis or not commands.followed.any():
         return None
-    true_n = np.where(commands.followed, scale * _true_n(run, axis, settings), np.nan)
-    held_n = scale * commands.zoh_n
+    return _scored(run, axis, commands, _true_n(run, axis, settings))
+
+
+def as_measured(run: Run, axis: str, commands: CommandTraces) -> Transparency | None:
+    """Transparency of one axis by the measured force; None where no followed command has one."""
+    return _scored(run, axis, commands, commands.force_n)
+
+
+def _scored(run: Run, axis: str, commands: CommandTraces, contact_n: Floats) -> Transparency | None:
+    """Scores the followed commands by `contact_n`, N at the contact; None where no row has all forces, or the
+    recording does not tell the scale of the force to the hand.
+    """
+    scale = _force_scale(run, axis)
+    rows = commands.followed & np.isfinite(scale * contact_n)
+    felt_n, held_n, true_n = commands.rendered_n[rows], scale * commands.zoh_n[rows], scale * contact_n[rows]
+    scored = transparency(felt_n, held_n, true_n)
+    if not scored.commands:
+        return None
     offset_s, held_offset_s = (
-        time_offset_s(commands.time_s, shown_n, true_n) for shown_n in (commands.rendered_n, held_n)
+        time_offset_s(commands.time_s[rows], shown_n, true_n) for shown_n in (felt_n, held_n)
     )
-    scored = transparency(commands.rendered_n, held_n, true_n)
     return replace(scored, offset_s=offset_s, held_offset_s=held_offset_s)
+
+
+def _force_scale(run: Run, axis: str) -> float:
+    """Scale of the force to the hand; NaN where it was not recorded."""
+    states = list(run.messages(axis, MASTER_STATE))
+    if states and states[-1].force_scale:
+        return states[-1].force_scale
+    try:
+        return float(run.metadata["run"]["force_scale"])  # there up to protocol 6
+    except (KeyError, ValueError):
+        return np.nan
 
 
 def _true_n(run: Run, axis: str, settings: SlaveAxisSettings) -> Floats:

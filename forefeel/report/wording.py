@@ -13,8 +13,7 @@ from forefeel.common.messages import SafetyState
 if TYPE_CHECKING:  # the diagnosis imports scipy, for which `forefeel loopback` would wait
     from forefeel.common.error_size import ErrorSize
     from forefeel.diagnosis.verdict import Interval
-    from forefeel.report.model import SafetyNote
-    from forefeel.report.transparency import Transparency
+    from forefeel.report.model import AxisReport, SafetyNote
 
 DISCLAIMER = "Research software, not a medical device."
 
@@ -70,11 +69,18 @@ def fault_texts(events: Iterable["SafetyNote"]) -> list[str]:
     ]
 
 
-def felt_text(score: "Transparency | None") -> str:
+def felt_text(part: "AxisReport") -> str:
+    """Text on the felt force: the share of the time in which its error is not felt, by the twin and as
+    measured, and the error by the first of them that there is.
+    """
+    twin, measured = part.transparency, part.transparency_as_measured
+    score = twin or measured
     if score is None:
-        return "not judged: only a simulated world knows the true force"
+        return "not judged: no command was answered, or the recording has no force scale"
     within = f"unnoticeable {share(score.within_jnd)} of the time"
-    return f"{error_text(score.felt, score.held, score.ratio)}; {within}"
+    if measured is not None:
+        within += " as measured" if twin is None else f", {share(measured.within_jnd)} as measured"
+    return f"{within}; {error_text(score.felt, score.held, score.ratio)}"
 
 
 def offset_text(offset_s: float | None) -> str:
@@ -85,8 +91,7 @@ def offset_text(offset_s: float | None) -> str:
 
 
 def error_text(size: "ErrorSize", late: "ErrorSize", times: float | None) -> str:
-    late_n = quantity(late.rms_n, "N")
-    return f"{quantity(size.rms_n, 'N')} rms error in place of {late_n} late ({ratio(times)})"
+    return f"{quantity(size.rms_n, 'N')} rms, late {quantity(late.rms_n, 'N')} ({ratio(times)})"
 
 
 def number(value: float | None) -> str:

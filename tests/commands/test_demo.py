@@ -14,7 +14,8 @@ from forefeel.report.transparency import Transparency
 
 def run(felt_n: float, held_n: float) -> SimpleNamespace:
     score = Transparency(100, ErrorSize(felt_n), ErrorSize(held_n), felt_n / held_n, 0.5, 0.9)
-    return SimpleNamespace(transparency=score, delay_s=SimpleNamespace(p50=0.3))
+    delay_s = SimpleNamespace(p50=0.3)
+    return SimpleNamespace(transparency=score, transparency_as_measured=score, delay_s=delay_s)
 
 
 class Viewer:

@@ -32,7 +32,7 @@ from forefeel.loopback.plan import LoopbackOptions, Plan, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.page import write_report
 from forefeel.report.traces import axis_traces
-from forefeel.report.transparency import run_transparency
+from forefeel.report.transparency import against_twin, as_measured
 from tests.network import S, Traffic, traffic_of
 
 TICK_S = 0.001
@@ -145,8 +145,11 @@ def test_report_scores_prediction_and_felt_force(tmp_path: Path) -> None:
     assert "twin of the simulated world" in (tmp_path / "report.html").read_text()
     run = Run(tmp_path / "run.mcap")
     commands = axis_traces(run, "insertion").commands
-    measured = run_transparency(run, "insertion", replace(commands, rendered_n=commands.force_n))
-    assert measured is not None and (measured.felt.rms_n or 9.0) < 0.008  # 2 mN of noise, and the jitter
+    perfect = replace(commands, rendered_n=commands.force_n)
+    twin, measured = (of(run, "insertion", perfect) for of in (against_twin, as_measured))
+    assert twin is not None and (twin.felt.rms_n or 9.0) < 0.008  # 2 mN of noise, and the jitter
+    assert measured is not None and measured.felt.max_n == 0.0 and measured.offset_s == pytest.approx(0.0)
+    assert measured.held_offset_s == pytest.approx(report.delay_s.p50, abs=0.02)
 
 
 @pytest.mark.parametrize("recorded", [False, True])

@@ -155,6 +155,27 @@ def test_a_run_of_one_end_says_so(tmp_path: Path, present: str, missing: str) ->
     _parsed(report)
 
 
+@pytest.mark.parametrize("scale", [2.0, None])
+def test_without_a_twin_the_felt_force_is_judged_by_the_one_measured_at_its_command(
+    tmp_path: Path, scale: float | None
+) -> None:
+    measured_n = 0.3 * np.sin(np.arange(600) / 40.0)
+    with recorded(tmp_path / "run.mcap") as run:
+        run.say(MASTER_STATE, 0, force_scale=scale)
+        for k in range(20, 600):
+            run.haptics(10 * k, k, predicted_n=2.0 * measured_n[k], zoh_n=measured_n[k - 20])
+            run.force(10 * k + 50 + k % 40, measured_n[k], answers=k)  # its way takes 50 to 89 ms
+    felt = _summary(tmp_path / "run.mcap").transparency_as_measured
+    if scale is None:
+        assert felt is None
+        return
+    assert felt is not None
+    assert (felt.commands, felt.felt.max_n, felt.within_jnd) == (580, 0.0, 1.0)
+    assert felt.held.max_n == pytest.approx(2.0 * 0.6 * np.sin(0.25), rel=0.01)
+    assert felt.offset_s == pytest.approx(0.0, abs=1e-6)
+    assert felt.held_offset_s == pytest.approx(0.2, abs=1e-3)
+
+
 def test_what_an_axis_does_without_is_a_note(tmp_path: Path) -> None:
     with recorded(tmp_path / "run.mcap") as run:
         run.slave_state(10, S.ARMED, caveats=("unsafe: x = 1",))
