@@ -29,7 +29,7 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
         str, typer.Option(metavar="MS", help="From a motion to the arrival of its force; or a range, 20:600.")
     ] = "300",
     jitter: Annotated[
-        float, typer.Option(metavar="S", help="Each force is up to this earlier or later.")
+        float, typer.Option(metavar="MS", help="Each force is up to this earlier or later.")
     ] = 0.0,
     loss: Annotated[float, typer.Option(metavar="P", help="Probability that a force never arrives.")] = 0.0,
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of jitter and loss.")] = 0,
@@ -51,7 +51,7 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
     from forefeel.diagnosis.evaluation.evaluate import rules as stated  # noqa: PLC0415
     from forefeel.evaluation.run import run_evaluation  # noqa: PLC0415
 
-    links = delayed_links(delays, jitter, loss, seed)
+    links = delayed_links(delays, 1e-3 * jitter, loss, seed)
     with output(as_json, quiet):
         columns = Mapping(time_column, position_column, force_column, row_rate)
         loaded = run_evaluation(files, links, model, columns, axis, out, overwrite)

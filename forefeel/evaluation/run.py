@@ -55,14 +55,15 @@ def run_evaluation(
         model = checked_model(load_model(model_file), str(model_file)) if model_file else None
         prepared, skipped = _read(files, columns, axis, links, model)
         fresh_folder(folder, (_JSON, _PAGE), "an earlier evaluation", overwrite)
-        for entry in prepared.values():
-            say(": ".join(filter(None, (entry.recording.source, entry.recording.taken))))
+        recordings = [usual.recording for usual, _ in prepared.values()]
+        for recording in recordings:
+            say(": ".join(filter(None, (recording.source, recording.taken))))
         for reason in skipped.values():
             say(f"skipped: {reason}")
         evaluated = _evaluate(prepared, model, links)
         stated = rules(link, model)
         document = to_json(link, stated, evaluated, skipped)
-        with units_of(*[entry.recording.columns for entry in prepared.values()]):
+        with units_of(*[recording.columns for recording in recordings]):
             page = render_page(link, stated, evaluated, skipped)
             lines = list(in_words(link, evaluated))
         write_all(folder, {_JSON: document, _PAGE: page}, written)
@@ -76,10 +77,10 @@ def _read(
     axis: str | None,
     links: Sequence[DelayedLink],
     model: ContactModel | None,
-) -> tuple[dict[str, Prepared], dict[str, str]]:
-    """Loads the recordings and prepares them for the most usual of the links; one that is too short for the
-    longest is skipped. Returns them, and the reasons for those that were skipped, both by the file's stem.
-    Where nothing is left it prints the reasons but the last, which it raises.
+) -> tuple[dict[str, tuple[Prepared, Prepared]], dict[str, str]]:
+    """Loads the recordings and prepares them for the most usual and for the longest of the links; one that is
+    too short for that is skipped. Returns both of each, and the reasons for those that were skipped, by the
+    file's stem. Where nothing is left it prints the reasons but the last, which it raises.
 
     Raises:
         InputError: two files of one stem, a column that is malformed, or nothing left.
@@ -88,13 +89,15 @@ def _read(
     for stem, times in stems.items():
         if times > 1:
             raise ConfigurationError(f"{times} files are named {stem!r}; expected one of each name")
-    prepared: dict[str, Prepared] = {}
+    prepared: dict[str, tuple[Prepared, Prepared]] = {}
     skipped: dict[Path, RecordingError] = {}
     for path in files:
         try:
             recording = load_recording(path, columns, axis, force=True)
-            for link in dict.fromkeys((links[-1], most_usual(links))):
-                prepared[path.stem] = prepare(recording, link, model)
+            longest = usual = prepare(recording, links[-1], model)
+            if (link := most_usual(links)) != links[-1]:
+                usual = prepare(recording, link, model)
+            prepared[path.stem] = usual, longest
         except RecordingError as error:
             skipped[path] = error
     if not prepared:
@@ -106,7 +109,7 @@ def _read(
 
 
 def _evaluate(
-    prepared: dict[str, Prepared], model: ContactModel | None, links: Sequence[DelayedLink]
+    prepared: dict[str, tuple[Prepared, Prepared]], model: ContactModel | None, links: Sequence[DelayedLink]
 ) -> dict[str, Evaluated]:
     """Evaluates each recording by every method, with a bar on the terminal; returns the results by the file's
     stem.
@@ -117,4 +120,7 @@ def _evaluate(
         def tell(stem: str, method: str) -> None:
             show(next(number), f"{stem}: {method}")
 
-        return {stem: evaluate(entry, model, partial(tell, stem), links) for stem, entry in prepared.items()}
+        return {
+            stem: evaluate(usual, model, partial(tell, stem), links, longest)
+            for stem, (usual, longest) in prepared.items()
+        }

@@ -6,7 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.evaluation.arrivals import DelayedLink
+from forefeel.diagnosis.evaluation.evaluate import Prepared, prepare
 from tests.commands.command_line import contents, refused
 from tests.unit.evaluation_samples import csv_text, made_up, recording
 from tests.unit.page_checks import check_page
@@ -82,7 +85,7 @@ def test_the_same_command_gives_the_same_bytes_and_overwrites_only_when_asked(
     run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    line = ["evaluate", put(tmp_path, "a.csv", made_up(duration_s=5.0)), "--jitter", "0.05", "--loss", "0.05"]
+    line = ["evaluate", put(tmp_path, "a.csv", made_up(duration_s=5.0)), "--jitter", "50", "--loss", "0.05"]
     line += ["--seed", "3", "--out", str(out)]
     assert run(line) == 0
     before = contents(out)
@@ -94,6 +97,22 @@ def test_the_same_command_gives_the_same_bytes_and_overwrites_only_when_asked(
     assert (document(out)["jitter_s"], document(out)["loss"], document(out)["seed"]) == (0.05, 0.05, 3)
     assert run([*line, "--overwrite", "--seed", "4"]) == 0
     assert contents(out)[out / "evaluation.json"] != before[out / "evaluation.json"]
+
+
+def test_each_delay_of_a_range_is_prepared_once(
+    run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    delays_s = list[float]()
+
+    def counted(sample: Recording, link: DelayedLink, *model: ContactModel | None) -> Prepared:
+        delays_s.append(link.delay_s)
+        return prepare(sample, link, *model)
+
+    for module in "evaluation.run", "diagnosis.evaluation.evaluate":
+        monkeypatch.setattr(f"forefeel.{module}.prepare", counted)
+    line = ["evaluate", put(tmp_path, "a.csv", made_up(duration_s=5.0)), "--out", str(tmp_path / "out")]
+    assert run([*line, "--delays", "200:400"]) == 0
+    assert sorted(delays_s) == pytest.approx([0.2, 0.25, 0.3, 0.4])
 
 
 GOOD, SHORT = csv_text(made_up(duration_s=4.0)), csv_text(made_up(duration_s=1.0))

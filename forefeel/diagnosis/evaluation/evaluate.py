@@ -93,6 +93,7 @@ def evaluate(
     model: ContactModel | None,
     progress: Callable[[str], None] = lambda name: None,
     links: Sequence[DelayedLink] = (),
+    longest: Prepared | None = None,
 ) -> Evaluated:
     """Replays a recording through every method, each from a cold start, and scores them; forefeel and zoh
     also by regime of the motion.
@@ -102,6 +103,7 @@ def evaluate(
         model: of a model.yaml, for forefeel; None: its own.
         progress: called with the name of each method before it starts.
         links: further ones, over which it is scored, too; that of `prepared` is passed over.
+        longest: the recording as it is prepared for the longest of them, where it is.
 
     Raises:
         RecordingError: it can not be evaluated over one of the links.
@@ -120,7 +122,10 @@ def evaluate(
     by_delay: dict[float, Mapping[str, Score]] = {prepared.delay_s: scores}
     for link in links:
         if link.delay_s != prepared.delay_s:
-            by_delay[link.delay_s] = evaluate(prepare(recording, link, model), model, progress).scores
+            late = longest
+            if late is None or late.delay_s != link.delay_s:
+                late = prepare(recording, link, model)
+            by_delay[link.delay_s] = evaluate(late, model, progress).scores
     ordered = dict(sorted(by_delay.items()))
     return Evaluated(prepared, _notes(prepared), scores, predicted_n, traces, parts, ordered)
 
