@@ -1,6 +1,6 @@
 """`python -m benchmarks [--only NAME]... [--out FILE]`: all of them in turn, and a page of what they printed,
 beside it the same as JSON, with the figures of those that give them. With `--only` the other parts of the
-page stay as they are, each with the day and the revision that it was measured on.
+page stay as they are, each with the day, the revision and the versions that it was measured with.
 
 As root, where apt-get is there, the brokers and cyclictest are installed first; none is left running.
 """
@@ -53,6 +53,7 @@ ALL = (
     Benchmark("security", "What do certificates and the gate cost?"),
     Benchmark("estimation", "Identification and prediction, beside padasip, statsmodels, filterpy"),
     Benchmark("prediction", "How far off is the predictor, beside others?", True, words=("--delays", "300")),
+    Benchmark("prediction_figure", "The same over the delay: docs/assets/error-over-delay.svg"),
     Benchmark("felt_force", "What does the hand feel at a wall across a delay?"),
     Benchmark("diagnosis", "How long does a diagnosis take, and how does that grow?"),
     Benchmark("diagnosis_peers", "Which causes are named right, beside PySINDy and sysidentpy?", True),
@@ -88,14 +89,15 @@ def main() -> int:
     parser.add_argument("--out", type=Path, default=Path("benchmarks/RESULTS.md"))
     options = parser.parse_args()
     _install()
-    machine = _machine()
+    machine, versions = _machine(), _versions()
     parts = _parts(options.out.with_suffix(".json"), machine) if options.only else {}
     chosen = [each for each in ALL if not options.only or each.module in options.only]
     for each in chosen:
         print(f"== {each.module}: {each.question}", flush=True)
-        parts[each.module] = _run(each)
+        parts[each.module] = _run(each, versions)
         shown = [parts[known.module] for known in ALL if known.module in parts]
-        options.out.write_text("\n".join([_head(machine), *map(_section, shown)]))
+        sections = [_section(part, versions) for part in shown]
+        options.out.write_text("\n".join([_head(machine, versions), *sections]))
         document = {"machine": machine, "parts": [asdict(part) for part in shown]}
         options.out.with_suffix(".json").write_text(json.dumps(document, indent=1) + "\n")
     return int(any(parts[each.module].code for each in chosen))
@@ -103,7 +105,7 @@ def main() -> int:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What came of one module, and of which day and revision."""
+    """What came of one module, and of which day, revision and versions."""
 
     module: str
     question: str
@@ -113,32 +115,32 @@ class Part:
     code: int
     lines: list[str]
     figures: object
+    versions: dict[str, str]
 
 
 def _parts(document: Path, machine: Mapping[str, object]) -> dict[str, Part]:
-    """What stands already, where it was measured on this kind of machine with these versions."""
+    """What stands already, where it was measured on this kind of machine."""
     if not document.exists():
         return {}
     found = json.loads(document.read_text())
     if found["machine"] != machine:
-        raise SystemExit(f"{document}: of another machine or other versions; expected another --out")
+        raise SystemExit(f"{document}: of another machine; expected another --out")
     return {part["module"]: Part(**part) for part in found["parts"]}
 
 
 def _machine() -> dict[str, object]:
-    """What it was measured on, and the versions of all that it was measured beside."""
     model = next(
         (line.partition(":")[2].strip() for line in Path("/proc/cpuinfo").read_text().splitlines()
          if line.startswith("model name")),
         platform.machine(),
     )  # fmt: skip
-    return {
-        "processors": os.cpu_count(),
-        "model": model,
-        "kernel": platform.release(),
-        "python": platform.python_version(),
-        "versions": {name: _version(name) for name in _LIBRARIES},
-    }
+    return {"processors": os.cpu_count(), "model": model}
+
+
+def _versions() -> dict[str, str]:
+    """Of the system and of all that is measured beside."""
+    system = {"Linux": platform.release(), "Python": platform.python_version()}
+    return system | {name: _version(name) for name in _LIBRARIES}
 
 
 def _version(name: str) -> str:
@@ -148,17 +150,19 @@ def _version(name: str) -> str:
         return "missing"
 
 
-def _head(machine: Mapping[str, Any]) -> str:
-    versions = ", ".join(f"{name} {number}" for name, number in machine["versions"].items())
+def _head(machine: Mapping[str, Any], versions: Mapping[str, str]) -> str:
     return (
-        f"# Results\n\nWritten by `make bench`: {machine['processors']} processors "
-        f"({machine['model']}), Linux {machine['kernel']}, Python {machine['python']}.\nEach part is what "
-        "its command printed. Compare within a part: its rows were measured in one run, in turns.\n\n"
-        f"Versions: {versions}.\n"
+        f"# Results\n\nWritten by `make bench`: {machine['processors']} processors ({machine['model']}).\n"
+        "Each part is what its command printed. Compare within a part: its rows were measured in one run, in "
+        f"turns.\n\nVersions, where a part names no others: {_listed(versions)}.\n"
     )
 
 
-def _run(each: Benchmark) -> Part:
+def _listed(versions: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {number}" for name, number in versions.items())
+
+
+def _run(each: Benchmark, versions: dict[str, str]) -> Part:
     start_s = time.monotonic()
     with TemporaryDirectory() as folder:
         figures = Path(folder) / "figures.json"
@@ -173,14 +177,18 @@ def _run(each: Benchmark) -> Part:
         print(lines[-1], flush=True)
     minutes = round((time.monotonic() - start_s) / 60.0, 1)
     date = f"{datetime.now(UTC):%Y-%m-%d}"
-    return Part(each.module, each.question, date, revision(), minutes, done.returncode, lines, found)
+    head = each.module, each.question, date, revision(), minutes
+    return Part(*head, done.returncode, lines, found, versions)
 
 
-def _section(part: Part) -> str:
+def _section(part: Part, versions: Mapping[str, str]) -> str:
+    """Text of a part; it names the versions that are not those of the head, `versions`."""
     when = f"{part.date}, {part.revision}" if part.revision else part.date
     words = next((each.words for each in ALL if each.module == part.module), ())
     command = " ".join(["python -m", f"benchmarks.{part.module}", *words])
-    head = f"## {part.question}\n\n`{command}`, {part.minutes:g} min ({when})"
+    others = {name: number for name, number in part.versions.items() if versions.get(name) != number}
+    with_others = f"; {_listed(others)}" if others else ""
+    head = f"## {part.question}\n\n`{command}`, {part.minutes:g} min ({when}{with_others})"
     return "\n".join([head, "", "```", *part.lines, "```", ""])
 
 

@@ -1,7 +1,7 @@
-"""The picture of README.md, docs/assets/error-over-delay.svg, of the rows of `benchmarks.prediction`:
+"""The picture of README.md, docs/assets/error-over-delay.svg: `python -m benchmarks.prediction_figure`.
 
-    python -m benchmarks.prediction --delays 20,60,120,250,300,450,600 \\
-        --methods zoh,paper,mbk_bias,kernel_ridge,forefeel --demo --figure docs/assets/error-over-delay.svg
+It prints the tables of `benchmarks.prediction` at the picture's delays for the picture's methods, and draws
+them.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,6 +21,10 @@ _WORN: Mapping[str, tuple[str, str, str]] = {
     "forefeel": ("#0868ac", "-", "forefeel"),
 }
 _OTHERS = ("#7a8797", "#c2410c", "#946200", "#007f5f")
+_WORDS = (
+    "--delays", "20,60,120,250,300,450,600", "--methods", "zoh,paper,mbk_bias,kernel_ridge,forefeel",
+    "--demo", "--figure", "docs/assets/error-over-delay.svg",
+)  # fmt: skip
 
 
 def relative(sizes_n: Mapping[tuple[str, float, str], float | None], method: str, delay_ms: float) -> float:
@@ -57,3 +61,9 @@ def draw(path: Path, sizes_n: Mapping[tuple[str, float, str], float | None], met
         )  # fmt: skip
         axes.legend(loc="upper left", ncols=2)
         figure.savefig(path, metadata={"Date": None})
+
+
+if __name__ == "__main__":
+    from benchmarks.prediction import main
+
+    main(_WORDS)
