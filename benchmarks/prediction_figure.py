@@ -59,7 +59,7 @@ def draw(path: Path, sizes_n: Mapping[tuple[str, float, str], float | None], met
             xlim=(0.0, max(delays_ms)), ylim=(0.0, _LARGEST), xlabel=f"round trip, ms   ({CLINICAL_SOURCES})",
             ylabel=f"error; late force at {_UNIT_MS:g} ms = 1\n(geometric mean of {n} recordings)",
         )  # fmt: skip
-        axes.legend(loc="upper left", ncols=2)
+        figure.legend(loc="outside lower center", ncols=len(methods))
         figure.savefig(path, metadata={"Date": None})
 
 
