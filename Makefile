@@ -63,9 +63,9 @@ docs: $(READY) ## the documentation as pages in site/, its reference from the co
 # sysidentpy asks for an older numpy than the product's and works with this one
 PEERS = $(PIP) --editable '.[bench]' && $(PIP) --no-deps 'sysidentpy>=0.9'
 
-bench: $(READY) ## everything beside its peers, in one run: benchmarks/RESULTS.md (an hour, quiet machine, root)
+bench: $(READY) ## everything beside its peers, or ONLY="prediction recording": benchmarks/RESULTS.md (3 hours, quiet, root)
 	$(PEERS)
-	$(BIN)/python -m benchmarks
+	$(BIN)/python -m benchmarks $(ONLY:%=--only %)
 
 hidden-effects: $(READY) ## both generators: false confidence first; 400 recordings, PySINDy, sysidentpy
 	$(PEERS)
