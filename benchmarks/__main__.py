@@ -2,7 +2,7 @@
 beside it the same as JSON, with the figures of those that give them. With `--only` the other parts of the
 page stay as they are, each with the day, the revision and the versions that it was measured with.
 
-As root, where apt-get is there, the brokers and cyclictest are installed first; none is left running.
+As root, where apt-get is there, the programs that a part needs are installed first; none is left running.
 """
 
 import argparse
@@ -13,7 +13,7 @@ import shutil
 import subprocess
 import sys
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -37,19 +37,29 @@ _PLACES = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin", "/usr/bin"])
 
 @dataclass(frozen=True, slots=True)
 class Benchmark:
-    """One module, and what it answers. `figures`: it takes `--json FILE`; `words`: further ones."""
+    """One module, and what it answers. `figures`: it takes `--json FILE`; `words`: further ones; `programs`:
+    of `_DEBIAN`, that it starts.
+    """
 
     module: str
     question: str
     figures: bool = False
     words: tuple[str, ...] = ()
+    programs: tuple[str, ...] = ()
 
 
 ALL = (
     Benchmark(
-        "message_path", "How long does a message take between two processes, beside other buses?", True
+        "message_path",
+        "How long does a message take between two processes, beside other buses?",
+        True,
+        programs=("mosquitto", "nats-server", "redis-server"),
     ),
-    Benchmark("cell", "What does a cell cost, and how late are its loops, beside cyclictest?"),
+    Benchmark(
+        "cell",
+        "What does a cell cost, and how late are its loops, beside cyclictest?",
+        programs=("cyclictest",),
+    ),
     Benchmark("security", "What do certificates and the gate cost?"),
     Benchmark("estimation", "Identification and prediction, beside padasip, statsmodels, filterpy"),
     Benchmark("prediction", "How far off is the predictor, beside others?", True, words=("--delays", "300")),
@@ -89,10 +99,10 @@ def main() -> int:
     parser.add_argument("--only", action="append", choices=[each.module for each in ALL])
     parser.add_argument("--out", type=Path, default=Path("benchmarks/RESULTS.md"))
     options = parser.parse_args()
-    _install()
     machine, versions = _machine(), _versions()
     parts = _parts(options.out.with_suffix(".json"), machine) if options.only else {}
     chosen = [each for each in ALL if not options.only or each.module in options.only]
+    _install({program for each in chosen for program in each.programs})
     for each in chosen:
         print(f"== {each.module}: {each.question}", flush=True)
         parts[each.module] = _run(each, versions)
@@ -193,9 +203,9 @@ def _section(part: Part, versions: Mapping[str, str]) -> str:
     return "\n".join([head, "", "```", *part.lines, "```", ""])
 
 
-def _install() -> None:
+def _install(programs: Set[str]) -> None:
     """Not started by their packages, only by the benchmark."""
-    wanted = [package for program, package in _DEBIAN.items() if shutil.which(program, path=_PLACES) is None]
+    wanted = [_DEBIAN[program] for program in programs if shutil.which(program, path=_PLACES) is None]
     if not wanted or os.geteuid() != 0 or shutil.which("apt-get") is None:
         return
     environment = {**os.environ, "RUNLEVEL": "1", "DEBIAN_FRONTEND": "noninteractive"}
