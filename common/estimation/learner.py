@@ -172,6 +172,7 @@ class Learner:
             self.lost_n.append(foretold_n)
             self.prior = self._model = None
             self._begin_anew()
+            self._learn()  # else nothing would be known until the next force, and 0 N be predicted
             return
         self._fit.observe(stamp_s, x_m, v_m_s, a_m_s2, force_n, self._evaluator.further[place])
         if self._fitting is not None:
