@@ -3,14 +3,14 @@
 For each force f that arrives, with p_e the prediction of expert e and h the error of the zero-order hold:
 
     loss_e = min((p_e - f)^2, c^2 max(h^2, mean h^2)),   c = 0.8 (1 + T / 10 s)
-    v_e    = mean loss_e + (0.003 L)^2 + (0.1 L)^2 / (1 + I / (0.1 L^2) + (T / 6 s)^2)
+    v_e    = mean (loss_e + (0.003 L)^2) + (0.1 L)^2 / (1 + I / (0.1 L^2) + (T / 6 s)^2)
     w_e    ~ v_e^-4
     reach  = mean of L, and while T < 5 s of the range of the forces where that is larger
 
-The mean loss is that of the last 2 s (70 %) and 8 s (30 %), mean h^2 that of 8 s, the reach that of T / 4, at
-most 2 s; L is the largest |f(t) - f(s)| so far, I the integral of h^2, T the time that has been judged. All
-is relative to L, not to the range of the forces: by the range, recordings at rest went to ten times the error
-of the hold.
+The mean is the geometric one of the means of the last 2 s (70 %) and 8 s (30 %), so that an expert which has
+become good leads at once; mean h^2 is that of 8 s, the reach that of T / 4, at most 2 s. L is the largest
+|f(t) - f(s)| so far, I the integral of h^2, T the time that has been judged. All is relative to L, not to the
+range of the forces: by the range, recordings at rest went to ten times the error of the hold.
 
 The cap: an early extrapolation far off must not keep an expert out for 8 s. The last term of v_e makes all
 alike while little is known. With 0.2 L, that kept the odd expert in the lead for ten seconds where others had

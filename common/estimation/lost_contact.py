@@ -33,8 +33,8 @@ class LostContact:
         """True once the force has been near 0 for 30 ms where the contact foretells one: the wall is gone.
 
         Counts only places beyond the contact's by a margin, and a foretold force beyond the noise. False if
-        the contact has no position, is hardly known or does not foretell the force. Keeps the start of the zero and the deepest place
-        touched. `x_m`, `v_m_s`: of the stage; both forces less that of no contact.
+        the contact has no position, is hardly known or does not foretell the force. Keeps the start of the
+        zero and the deepest place touched. `x_m`, `v_m_s`: of the stage; both forces less that of no contact.
         """
         if CONTACT not in contact.names or contact.contact_s < (_OUT_S if v_m_s < 0.0 else _LEAST_S):
             return False  # touched everywhere, or hardly known

@@ -23,15 +23,15 @@ static void share_out(Blend *blend) {
 
 /* Sets the weights by the losses; their sum is 1. */
 static void weigh(Blend *blend) {
-    const double SHARES[] = {0.7, 0.3}, COLD_ERRORS = 0.1;
+    const double FAST = 0.7, COLD_ERRORS = 0.1;
     int count = blend->taught > 0.0 ? CONTACT : MEMBERS;
     double *weights = blend->weights, largest_n2 = blend->largest_n * blend->largest_n;
     double known = blend->informed_n2 / (COLD_ERRORS * largest_n2 + TINY) + square(blend->known_s / COLD_S);
     double cold = COLD * COLD * largest_n2 / (1.0 + known);
-    double fast = SHARES[0] / blend->seen_fast, slow = SHARES[1] / blend->seen_slow;
-    double lowest = INFINITY, total = 0.0;
+    double floor_n2 = square(FLOOR) * largest_n2 + TINY, lowest = INFINITY, total = 0.0;
     for (int e = 0; e < count; e++) {
-        weights[e] = fast * blend->losses[0][e] + slow * blend->losses[1][e] + square(FLOOR) * largest_n2 + TINY;
+        double fast = blend->losses[0][e] / blend->seen_fast, slow = blend->losses[1][e] / blend->seen_slow;
+        weights[e] = pow(fast + floor_n2, FAST) * pow(slow + floor_n2, 1.0 - FAST);
         if (e != FIRST_EXPERT + ODD)
             weights[e] += cold;
         if (e >= CONTACT)

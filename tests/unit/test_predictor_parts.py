@@ -116,12 +116,10 @@ def test_weights_are_the_fourth_power_of_the_losses_seen() -> None:
         fading = np.exp(-np.arange(n + 1)[::-1] * h / 8.0)
         cap = (0.8 * (1 + (n + 1) * h / 10.0)) ** 2 * max(zoh2[n], fading @ zoh2[: n + 1] / fading.sum())
         losses[n] = np.minimum(squares[n], cap)
-    v = np.zeros(members)
+    v, largest = np.ones(members), 2 * zoh_n
     for memory_s, share in ((2.0, 0.7), (8.0, 0.3)):
         fading = np.exp(-np.arange(300)[::-1] * h / memory_s)
-        v += share * (fading @ losses) / fading.sum()
-    largest = 2 * zoh_n
-    v += (0.003 * largest) ** 2
+        v *= ((fading @ losses) / fading.sum() + (0.003 * largest) ** 2) ** share
     cold = (0.1 * largest) ** 2 / (1 + zoh2.sum() * h / (0.1 * largest**2) + (5.7 / 6.0) ** 2)
     v += cold * (np.arange(members) != blends.FIRST + experts.ODD)
     expected = v**-4
