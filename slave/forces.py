@@ -67,7 +67,9 @@ class ForcePublisher:
         """
         newest = self._instants[-1]
         at = newest if reading.stamp_ns is None else self._at(reading.stamp_ns)
-        executing = at.executing
+        executing, answered_ns = at.executing, at.stamp_ns - at.behind_ns
+        if executing and executing.recording_time_s is not None:
+            answered_ns = executing.stamp_ns  # of its moment is the force that a recorded cell says
         self._publisher.send(
             ForceSample(
                 **self._publisher.header(holder, at.stamp_ns),
@@ -77,7 +79,7 @@ class ForcePublisher:
                 raw_counts=reading.raw_counts,
                 valid=reading.valid,
                 answers_sequence=executing.sequence if executing else None,
-                answers_stamp_ns=at.stamp_ns - at.behind_ns if executing else None,
+                answers_stamp_ns=answered_ns if executing else None,
                 recording_time_s=executing.recording_time_s if executing else None,
                 gripper=at.grip,
                 clock_offset_ns=clock.offset_ns if clock else None,

@@ -83,14 +83,17 @@ def test_a_masters_clock_at_a_rate_that_can_not_be_followed_is_a_fault_that_says
     assert rig.state() is S.FAULT
 
 
-def test_an_armed_axis_follows_and_each_force_answers_the_command_before_as_it_is_carried_on() -> None:
+@pytest.mark.parametrize("played", [False, True])
+def test_an_armed_axis_follows_and_each_force_answers_the_command_before(played: bool) -> None:
+    """As it is carried on, but for that of a recording, whose cell answers with the force of its moment."""
     rig = SlaveRig().armed()
-    sent: list[tuple[int, int, float]] = []
+    sent: list[tuple[int, int, float | None]] = []
     for i in range(20):
         rig.position_m += 1e-5
-        rig.fields = {"recording_time_s": i / 1000, "velocity_m_s": 0.01}
+        time_s = i / 1000 if played else None
+        rig.fields = {"recording_time_s": time_s, "velocity_m_s": 0.01}
         rig.step()
-        sent.append((rig.newest(COMMAND).sequence, rig.now_ns + MS, i / 1000))
+        sent.append((rig.newest(COMMAND).sequence, rig.now_ns + (0 if played else MS), time_s))
     answers = [
         (f.answers_sequence, f.answers_stamp_ns, f.recording_time_s) for f in rig.messages(FORCE)[-19:]
     ]
