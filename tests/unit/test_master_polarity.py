@@ -1,5 +1,6 @@
 """Whether a motor that is wired the other way is noticed, with simulated hands at walls of springs."""
 
+import numpy as np
 import pytest
 
 from forefeel.common.events.console import Notices
@@ -7,6 +8,7 @@ from forefeel.common.messages import SafetyState
 from forefeel.devices.simulated.operator import Operator
 from forefeel.devices.simulated.settings import OperatorSettings
 from forefeel.master.handle import HandleReading, HandleWatch, Indication
+from forefeel.master.polarity import PolarityCheck
 from forefeel.master.rendering import ForceRenderer
 from forefeel.master.settings import RenderingSettings
 
@@ -69,3 +71,15 @@ def test_a_motion_that_is_played_tells_nothing_of_the_motor() -> None:
     watch, reading, _ = _strokes(Played, "relaxed", 3000.0)
     assert watch.fault is None
     assert reading.deadman
+
+
+def test_a_force_that_only_ramps_tells_nothing_of_the_motor() -> None:
+    """A force as smooth as that of a hand, and tremor whose motion it can not have made."""
+    time_s = np.arange(4000) * 1e-3
+    force_n = np.sin(2.0 * np.pi * 0.5 * time_s)  # up to 0.3 N in a window
+    for seed in range(50):
+        random = np.random.default_rng(seed)
+        rates_hz, phases = random.uniform(8.0, 12.0, 5), random.uniform(0.0, 2.0 * np.pi, 5)
+        moved_m = 2e-5 * np.sin(2.0 * np.pi * time_s[:, None] * rates_hz + phases).sum(axis=1)
+        check = PolarityCheck()
+        assert not any(map(check.is_reversed, moved_m.tolist(), force_n.tolist()))
