@@ -17,9 +17,9 @@ class PolarityCheck:
 
     A hand of mass m under a force f that resists moves by m x'' = g - f. In each window of 0.1 s x and p, the
     double integral of f, are freed of what a smooth force g of the hand may have made, polynomials of fourth
-    order. Of the rest, over the last ten windows in which that of f swings by 0.2 N, x = -p / m: r, the correlation
-    of both, is near -1, with a motor wired the other way near +1. A force as smooth as that of a hand
-    says nothing.
+    order. Of the rest, over the last ten windows in which that of f swings by 0.2 N, x = -p / m: r, the
+    correlation of both, is near -1, with a motor wired the other way near +1. A force as smooth as that of a
+    hand says nothing.
 
     It is told from r > 0.5 in five windows, as of a hand lighter than 4 kg. With relaxed, loose, tapping,
     shaking, stiff and hard pushing hands at walls of 200 to 8000 N/m r stays below 0.35. A reversed motor is
@@ -33,9 +33,9 @@ class PolarityCheck:
         self._windows = 0
 
     def is_reversed(self, position_m: float, force_n: float) -> bool:
-        """Adds position and force of a tick. True only at the end of a window of 100 ticks in which the rest of
-        the force swings by 0.2 N, from the fifth such window on, if the motion goes with the force: a reversed motor.
-        Else False.
+        """Adds position and force of a tick. True only at the end of a window of 100 ticks in which the rest
+        of the force swings by 0.2 N, from the fifth such window on, if the motion goes with the force: a
+        reversed motor. Else False.
         """
         self._positions_m.append(position_m)
         self._forces_n.append(force_n)
