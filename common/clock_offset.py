@@ -61,21 +61,18 @@ class OffsetEstimate:
     outward_ns: int
     rate_ppm: float = 0.0
 
-    def completed_ns(self, inward_ns: int) -> int:
-        """The round trip that a message completes whose transit was `inward_ns` = receive - stamp."""
-        return inward_ns + self.outward_ns
-
     def ahead_ns(self, inward_ns: int) -> int:
-        """Least time by which the message was stamped in the future; 0 where it may not have been.
+        """Least time by which a message was stamped in the future, whose transit was `inward_ns` = receive -
+        stamp; 0 where it may not have been.
 
         The clocks may have parted since the outward transit, which is up to a second and a round trip old.
         """
         parted_ns = (_RECENT_NS + self.round_trip_ns) // DRIFT_DIVISOR
-        return max(0, -self.completed_ns(inward_ns) - parted_ns)
+        return max(0, -inward_ns - self.outward_ns - parted_ns)
 
     def excess_ns(self, inward_ns: int) -> int:
-        """Time by which that round trip exceeds the smallest one of the session."""
-        return self.completed_ns(inward_ns) - self.least_round_trip_ns
+        """Time by which the round trip that it completes exceeds the smallest one of the session."""
+        return inward_ns + self.outward_ns - self.least_round_trip_ns
 
 
 class _Smallest(Generic[V]):

@@ -183,6 +183,7 @@ class MotionLimiter:
         already, by `age_s` and the delays of `reaction`.
         """
         reaction, self._dt_s = self.reaction, dt_s
+        self._delay_s = sum(reaction)
         self._time_s += dt_s
         passed = 1.0 - exp(-dt_s / reaction.filter_s) if reaction.filter_s > 0.0 else 1.0
         self._filtered_m += passed * (self._path_m - self._filtered_m)
@@ -223,7 +224,7 @@ class MotionLimiter:
         room_m = (limit_n - against_n) / self._wall_n_m
         unseen_m, at_once_s = self._path_m - self._shown[0][1], self.reaction.run_on_s + self._dt_s
         fastest_m_s = min(
-            self._allowed_m_s(limit_n - against_n),
+            _stoppable_m_s(room_m, self._acceleration_m_s2, self._delay_s),
             _stoppable_m_s(room_m - unseen_m, self._acceleration_m_s2, at_once_s),
         )
         expected_n = against_n if band_n is None else max(sign * band_n[0], sign * band_n[1])
@@ -258,4 +259,4 @@ class MotionLimiter:
         return self._before_walls(-min(self._allowed_m_s(excess_n), out_m_s, most_m_s), self._dt_s)
 
     def _allowed_m_s(self, left_n: float) -> float:
-        return _stoppable_m_s(left_n / self._wall_n_m, self._acceleration_m_s2, sum(self.reaction))
+        return _stoppable_m_s(left_n / self._wall_n_m, self._acceleration_m_s2, self._delay_s)

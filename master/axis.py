@@ -266,7 +266,7 @@ class MasterAxis:
         Position and band of the command are clipped to the range of the messages.
         """
         header = self._command.header(self.session.session_id, now_ns)
-        low_n, high_n = outputs.band_n or (None, None)
+        low_n, high_n = bounded(outputs.band_n) if outputs.band_n else (None, None)
         self._command.send(
             MotionCommand(
                 **header,
@@ -275,8 +275,8 @@ class MasterAxis:
                 deadman=self._deadman,
                 gripper=outputs.gripper,
                 recording_time_s=outputs.recording_time_s,
-                low_n=bounded(low_n),
-                high_n=bounded(high_n),
+                low_n=low_n,
+                high_n=high_n,
             )
         )
         # at most 32 in a tick (decision 0029); those of a session that opened late follow in the next ticks

@@ -134,18 +134,21 @@ class PassivityLimit:
         """Largest size in N up to `most_n` with 2 L <= C + 0.9 mJ, where L is the energy that all forces on
         their way can give the hand; 0 where no other is. `into_m_s`: velocity against that force.
         """
-        forces_n = list(self._forces_n)
+        forces_n, credit_w = list(self._forces_n), (self._credit_j - _LEAST_J) / _TICK_S
         gains = []  # of each tick j: m that a force gives to, and the energy / T that those on their way give
         for tick in range(1, self._pending + 1):
-            faster_m_s = tick * _MOST_M_S2 * _TICK_S
-            given = (abs(force_n) * faster_m_s - force_n * velocity_m_s for force_n in forces_n[tick:])
-            sent_w = max([0.0, *given])
+            faster_m_s, sent_w = tick * _MOST_M_S2 * _TICK_S, 0.0
+            for force_n in forces_n[tick:]:
+                sent_w = max(sent_w, abs(force_n) * faster_m_s - force_n * velocity_m_s)
             gains.append((max(0.0, faster_m_s - into_m_s), sent_w))
         # L is convex and piecewise linear in the force: Newton's steps from above stay above, and are few
         while most_n > 0.0:
-            given_w = sum(max(most_n * speed_m_s, sent_w) for speed_m_s, sent_w in gains)
-            excess_w = 2.0 * given_w - (self._credit_j - _LEAST_J) / _TICK_S
-            slope_m_s = 2.0 * sum(speed_m_s for speed_m_s, sent_w in gains if most_n * speed_m_s > sent_w)
+            given_w = slope_m_s = 0.0
+            for speed_m_s, sent_w in gains:
+                gives = most_n * speed_m_s > sent_w
+                given_w += most_n * speed_m_s if gives else sent_w
+                slope_m_s += 2.0 * speed_m_s if gives else 0.0
+            excess_w = 2.0 * given_w - credit_w
             if excess_w <= _NEGLIGIBLE_W:
                 return most_n
             most_n = most_n - excess_w / slope_m_s if slope_m_s else 0.0

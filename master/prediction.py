@@ -70,10 +70,11 @@ class ExpectedSetpoint:
         acted, that command is known, and the hand (`asked_m`, position asked for now) still asks beyond the
         slave's setpoint on the same side.
         """
-        sent, setpoint_m = self._sent.get(sample.answers_stamp_ns or 0), sample.setpoint_m
-        if sent is None or setpoint_m is None or not sample.force_limited:
+        setpoint_m = sample.setpoint_m
+        if not sample.force_limited or setpoint_m is None:
             return
-        if (asked_m - setpoint_m) * (sent.position_m - setpoint_m) > 0.0:
+        sent = self._sent.get(sample.answers_stamp_ns or 0)
+        if sent is not None and (asked_m - setpoint_m) * (sent.position_m - setpoint_m) > 0.0:
             # forces under way do not know the corrections since their commands were sent
             change_m = self.error_m(sample) - (self._corrected_m - sent.corrected_m)
             self._corrected_m += change_m
@@ -99,7 +100,11 @@ class ExpectedSetpoint:
         else:
             dt_s = min((stamp_ns - previous_ns) * 1e-9, _MAX_STEP_S)
             force_n, low_n, high_n = expected[:3] if expected else (0.0, 0.0, 0.0)
-            shown_n = self._shown_n(stamp_ns, force_n)
+            self._expected_n.append((stamp_ns, force_n))
+            while self._expected_n[0][0] < stamp_ns - self._limiter.reaction.reading_s * 1e9:
+                self._expected_n.popleft()
+            # The newest reading has this one. How far the stage yields to more than the limit comes back.
+            shown_n = min(self._expected_n[0][1], self._limit_n)
             self._limiter.follow(position_m, velocity_m_s, shown_n, dt_s, band_n=(low_n, high_n))
         setpoint_m, force_limited = self._limiter.position_m, self._limiter.force_limited
         sent = _Expected(stamp_ns, position_m, setpoint_m, self._corrected_m, force_limited)
@@ -109,15 +114,6 @@ class ExpectedSetpoint:
     def react(self, reaction: Reaction) -> None:
         """Sets how late the slave's limit sees a force."""
         self._limiter.reaction = reaction
-
-    def _shown_n(self, stamp_ns: int, force_n: float) -> float:
-        """The force that the slave's newest reading has, of those that were expected. At most the limit: how
-        far the stage yields to more comes back with the forces.
-        """
-        self._expected_n.append((stamp_ns, force_n))
-        while self._expected_n[0][0] < stamp_ns - self._limiter.reaction.reading_s * 1e9:
-            self._expected_n.popleft()
-        return min(self._expected_n[0][1], self._limit_n)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

@@ -51,7 +51,8 @@ class ForceRenderer:
         that changed it and the energy. It fades to zero in fade_s unless `live` (following, feedback fresh)
         and `contact_n` is a finite number. Stateful, once per tick; `position_m`: of the handle.
         """
-        dt_s = self._step_s(now_ns)
+        dt_s = 0.0 if self._previous_ns is None else min((now_ns - self._previous_ns) * 1e-9, _MAX_STEP_S)
+        self._previous_ns = now_ns
         moved_m = 0.0 if self._position_m is None else position_m - self._position_m
         self._position_m = position_m
         energy_j = self._observer.observe(moved_m, self._applied_n)
@@ -84,7 +85,3 @@ class ForceRenderer:
     def release(self) -> None:
         """Fades in from zero again: nothing was applied."""
         self._fade = self.force_n = self._applied_n = 0.0
-
-    def _step_s(self, now_ns: int) -> float:
-        previous_ns, self._previous_ns = self._previous_ns, now_ns
-        return 0.0 if previous_ns is None else min((now_ns - previous_ns) * 1e-9, _MAX_STEP_S)

@@ -64,11 +64,12 @@ class RenderingWatch:
         measured_n = newest.force_n
         predicted_n = measured_n if self._feels_zoh else predicted.force_n
         most_n = max(self._limit_n, abs(measured_n))
-        moved_m = self._moved_m - (self._path_m.get(newest.answers_stamp_ns or 0) or 0.0)
-        half_n = 0.5 * (predicted.high_n - predicted.low_n)
-        allowed_n = _ALWAYS * most_n + min(_BEYOND * most_n, half_n + self._stiffness_n_m * moved_m)
+        off_n, allowed_n = abs(predicted_n - measured_n), _ALWAYS * most_n
+        if not off_n <= allowed_n:  # written so that what is no number is outside
+            moved_m = self._moved_m - (self._path_m.get(newest.answers_stamp_ns or 0) or 0.0)
+            half_n = 0.5 * (predicted.high_n - predicted.low_n)
+            allowed_n += min(_BEYOND * most_n, half_n + self._stiffness_n_m * moved_m)
         least_n = min(abs(measured_n), abs(predicted_n))
         dark = least_n > _FELT * self._limit_n and abs(rendered.force_n) < self._nothing_n
-        passive = any(hit.rule == "rendered_energy" for hit in rendered.hits)
-        # written so that what is no number is outside
-        return not abs(predicted_n - measured_n) <= allowed_n or (dark and not passive)
+        passive = dark and any(hit.rule == "rendered_energy" for hit in rendered.hits)
+        return not off_n <= allowed_n or (dark and not passive)

@@ -46,7 +46,7 @@ def haptic_sample(
     `rendered_n`: as the handle applied it. `forces`, `slave_state`: as in the message.
     """
     predicted, force, snapshot = outputs.predicted, inputs.force, inputs.snapshot
-    force_n, low_n, high_n = map(bounded, predicted[:3]) if predicted else (None, None, None)
+    force_n, low_n, high_n = bounded(predicted[:3]) if predicted else (None, None, None)
     age_s, delay_s = ages_s(header["stamp_ns"], force, clock)
     return HapticSample(
         **header,
@@ -76,8 +76,8 @@ def saturated(counters: Mapping[str, int]) -> dict[str, int]:
     return {name[:MOST_NAME]: min(count, MOST_COUNT) for name, count in counters.items()}
 
 
-def bounded(force_n: float | None) -> float | None:
-    return None if force_n is None else within(force_n, MOST_FORCE_N)
+def bounded(forces_n: Iterable[float]) -> list[float]:
+    return [within(force_n, MOST_FORCE_N) for force_n in forces_n]
 
 
 def model_parameters(header: Header, identification: IdentificationTask, prior: str) -> ModelParameters:

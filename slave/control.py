@@ -113,7 +113,8 @@ class AxisControl:
         transitions and limits.
         """
         stood_ns = 0 if self._previous_ns is None else now_ns - self._previous_ns
-        dt_s = self._step_s(now_ns)
+        elapsed_s = 1e-3 if self._previous_ns is None else stood_ns * 1e-9
+        dt_s, self._previous_ns = min(max(elapsed_s, 1e-6), _MAX_STEP_S), now_ns
         transitions: list[Transition] = []
         hits: list[LimitHit] = []
         self._take(inputs)
@@ -187,11 +188,6 @@ class AxisControl:
             if reason is not None:
                 self._fire(event, reason, now_ns, transitions)
         return transitions
-
-    def _step_s(self, now_ns: int) -> float:
-        previous_ns, self._previous_ns = self._previous_ns, now_ns
-        elapsed_s = 1e-3 if previous_ns is None else (now_ns - previous_ns) * 1e-9
-        return min(max(elapsed_s, 1e-6), _MAX_STEP_S)
 
     def _take(self, inputs: ControlInputs) -> None:
         """Keeps a new command with its receive stamp, and how far it is behind; notes that the deadman was

@@ -12,8 +12,8 @@ Bowing out: Euler's load pi^2 EI / (K L)^2 of what is free, L = free length - po
 """
 
 from collections import deque
-from itertools import pairwise
-from math import inf, sqrt
+from math import sqrt
+from operator import sub
 
 from forefeel.common.events.text import BUCKLES, LOOSENS, SLIPS
 from forefeel.common.limiter import LimitHit
@@ -61,10 +61,8 @@ class InstrumentWatch:
         self._forces.append(force_n)
         self._ways.append(stage.position_m)
         hits: list[LimitHit] = []
-        for rule, size_n, load_n in (
-            (BUCKLES, force_n, self._buckling_n(stage.position_m)),
-            (LOOSENS, abs(force_n), self._loads.holding_n or inf),
-        ):
+        for rule, load_n in self._loads_n(stage.position_m):
+            size_n = force_n if rule == BUCKLES else abs(force_n)
             if size_n <= (_FAR if rule in self._near else _NEAR) * load_n:
                 self._near.discard(rule)
             elif rule not in self._near:
@@ -107,16 +105,22 @@ class InstrumentWatch:
 
     def _steady(self) -> bool:
         """True if the stage does not go back, and hardly changes its speed."""
-        old_m, middle_m, new_m = self._ways[0], self._ways[_WAY], self._ways[-1]
-        first_m, second_m = middle_m - old_m, new_m - middle_m
-        recent = [self._ways[-back] for back in range(1, _MEANT + 1, _STRIDE)]
-        steps = [after - before for after, before in pairwise(recent)]
-        if first_m < 0.0 or min(steps) < max(_INWARD_M, _EVEN * max(steps)):
+        ways_m = list(self._ways)
+        first_m, second_m = ways_m[_WAY] - ways_m[0], ways_m[-1] - ways_m[_WAY]
+        if first_m < 0.0:
+            return False
+        recent_m = ways_m[: -_MEANT - 1 : -_STRIDE]
+        steps_m = list(map(sub, recent_m, recent_m[1:]))
+        if min(steps_m) < max(_INWARD_M, _EVEN * max(steps_m)):
             return False
         return abs(second_m - first_m) < max(_STEADY_M_S * _WAY * 1e-3, _STEADY * first_m)
 
-    def _buckling_n(self, position_m: float) -> float:
-        euler_n_m2, length_m = self._loads.euler_n_m2, self._loads.free_length_m
-        if euler_n_m2 is None or length_m is None:
-            return inf
-        return euler_n_m2 / max(length_m - position_m, _STRAIGHT_M) ** 2
+    def _loads_n(self, position_m: float) -> list[tuple[str, float]]:
+        """Loads that are known, by their rules."""
+        loads, known = self._loads, []
+        if loads.euler_n_m2 is not None and loads.free_length_m is not None:
+            free_m = max(loads.free_length_m - position_m, _STRAIGHT_M)
+            known.append((BUCKLES, loads.euler_n_m2 / free_m**2))
+        if loads.holding_n is not None:
+            known.append((LOOSENS, loads.holding_n))
+        return known

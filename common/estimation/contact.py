@@ -209,8 +209,10 @@ class ContactExpert:
         if self._runtime is None:
             return nan
         self._runtime.follow(further)
-        force_n: float = sum(map(mul, self._theta, self._runtime.regressors(t_s, x_m, v_m_s, a_m_s2, dt_s)))
-        if self._path is not None:
+        phi = self._runtime.regressors(t_s, x_m, v_m_s, a_m_s2, dt_s)  # its states go on in any case
+        if self._path is None:
+            force_n: float = sum(map(mul, self._theta, phi))
+        else:
             if isfinite(self._x_m):
                 direction = self._direction + (x_m - self._x_m) / self._path.length_m
                 self._direction = -1.0 if direction < -1.0 else 1.0 if direction > 1.0 else direction

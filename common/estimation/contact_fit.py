@@ -21,6 +21,7 @@ Reference: Golub and Pereyra, Separable nonlinear least squares, Inverse Problem
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import inf, isfinite, nan
 
 import numpy as np
@@ -121,12 +122,18 @@ class Contact:
 class _Point:
     """A shape with its theta(s) and J; `acts`: mask of theta not held at 0, `p0`: diagonal of P_0^-1."""
 
+    solver: "_Solver"
     shape: Array
     columns: Array
     theta: Array
     cost: float
     acts: NDArray[np.bool_]
     p0: Array
+
+    @cached_property
+    def normal_equations(self) -> tuple[Array, Array]:
+        """A'A / sigma^2 and A'e / sigma^2 of A = (phi, d(phi theta)/d shape) and the residual e."""
+        return self.solver.normal_equations(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,7 +271,10 @@ class _Solver:
             anew = self._point(self._mean, occasional)
             best = self._searched(min(best, anew, key=lambda point: point.cost), occasional)
         for _ in range(_STEPS):
-            best = self._stepped(best, occasional)
+            stepped = self._stepped(best, occasional)
+            if stepped is best:
+                break  # another would be the same
+            best = stepped
         lean = self._point(best.shape, False) if occasional else best
         rich = best if occasional else self._point(best.shape, True)
         foreseen = bool(self._belief.theta[list(self._causes.occasional)].any())
@@ -303,7 +313,7 @@ class _Solver:
             acts[worst] = False
         off = (shape - self._mean) / self._sd
         cost = self._y @ self._y / noise2 + p0 @ belief.theta**2 - scaled @ moments + off @ off
-        return _Point(shape, z, scaled / rms, float(cost), acts, p0)
+        return _Point(self, shape, z, scaled / rms, float(cost), acts, p0)
 
     def _independent(self, columns: Array, rms: Array) -> Array:
         """Number of independent values behind each column of phi: (sum z^2)^2 / sum z^4 of its rows."""
@@ -332,11 +342,8 @@ class _Solver:
                 point = min(point, self._point(shape, occasional), key=lambda p: p.cost)
         return point
 
-    def _normal_equations(self, point: _Point) -> tuple[Array, Array]:
-        """Returns A'A / sigma^2 and A'e / sigma^2 of A = (phi, d(phi theta)/d shape) and the residual e.
-
-        The derivatives are differences to a slightly shifted shape, one for each coordinate. Calls `_pause`.
-        """
+    def normal_equations(self, point: _Point) -> tuple[Array, Array]:
+        """Those of a point, by differences to slightly shifted shapes. Calls `_pause`."""
         tangents = []
         for i, difference in enumerate(self._differences):
             shape = point.shape.copy()
@@ -357,9 +364,9 @@ class _Solver:
         A step that does not is cut to 0.3 of its length, three tries in all. It is at most one standard
         deviation in each coordinate, and the shape stays within 3 of the mean.
         """
-        gathered, pull = self._normal_equations(point)
+        gathered, pull = point.normal_equations
         p0 = np.concatenate([point.p0, self._sd**-2.0])
-        pull -= p0 * np.concatenate([point.theta - self._belief.theta, point.shape - self._mean])
+        pull = pull - p0 * np.concatenate([point.theta - self._belief.theta, point.shape - self._mean])
         at = np.flatnonzero(self._free(point))
         information = (gathered + np.diag(p0))[np.ix_(at, at)]
         size = np.sqrt(np.diagonal(information))
@@ -378,7 +385,7 @@ class _Solver:
 
         Parameters held at 0 have the variance of the prior.
         """
-        gathered, _ = self._normal_equations(point)
+        gathered, _ = point.normal_equations
         acts = self._free(point)
         information = np.where(np.outer(acts, acts), gathered, 0.0)
         information += np.diag(np.concatenate([point.p0, self._sd**-2.0]))

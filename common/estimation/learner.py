@@ -87,6 +87,7 @@ class Learner:
         solve: Solve = at_once,
     ) -> None:
         self._evaluator, self._evaluation = evaluator, evaluator.record
+        self._stage, self._contact_n = (evaluator.record.values[name] for name in ("stage", "contact_n"))
         self._kernels, self._reading = kernels(), Numbers(Reading)
         self.prior, self._model, self._solve = prior, model, solve
         self.lost_n: list[float] = []
@@ -100,7 +101,8 @@ class Learner:
         self._knowledge = Record(Knowledge)
         values = self._knowledge.values
         values["octave"] = NO_OCTAVE
-        forces_.begin(values["forces"])
+        self._forces = values["forces"]
+        forces_.begin(self._forces)
         experts.begin(values["experts"])
         blends.begin(values["blend"], self.prior is not None or self._model is not None)
         bands.begin(values["band"])
@@ -163,10 +165,10 @@ class Learner:
         If the contact is lost, instead adds to `lost_n` and discards prior, model and all that was learned.
         `place`: of the sample in the ring; `error_m` is added to the expected position.
         """
-        x_m, v_m_s, a_m_s2 = self._evaluation.values["stage"][place].tolist()
+        x_m, v_m_s, a_m_s2 = self._stage[place].tolist()
         x_m += error_m
-        free_n = float(self._knowledge.values["forces"]["first_n"])
-        foretold_n = float(self._evaluation.values["contact_n"][place]) - free_n
+        free_n = float(self._forces["first_n"])
+        foretold_n = float(self._contact_n[place]) - free_n
         contact = self._fit.contact
         if contact and self._lost_contact.judge(stamp_s, x_m, v_m_s, force_n - free_n, foretold_n, contact):
             self.lost_n.append(foretold_n)

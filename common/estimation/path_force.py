@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forefeel.common.causes.motion import PrandtlElement
+from forefeel.common.kernels.library import kernels
 
 Array = NDArray[np.float64]
 
@@ -94,15 +95,17 @@ def path_force(
         return None
     step_m = range_m / (NODES - 1)
     places = (x_m - low_m) / step_m
-    node = np.clip(places.astype(np.intp), 0, NODES - 2)
+    ties = _TIES / power_n2
     best_n2, best_m = np.inf, 0.0
     best_u: Array = np.zeros(2 * NODES)
-    for length_m in _lengths_m(range_m, before, prior):
+    octaves_m = [2.0 ** (-0.5 * n) * range_m for n in _HALF_OCTAVES]
+    lengths_m = octaves_m if before is None else [before.length_m, *octaves_m]
+    for length_m in lengths_m if prior is None else [prior.length_m]:
         direction = _direction(x_m, length_m)
-        gram, moments = _normal_equations(node, places - node, direction, left_n, weights)
+        gram, moments = _normal_equations(places, direction, left_n, weights)
         noise_n2 = power_n2
         for _ in range(_PASSES):
-            u = np.linalg.solve(gram / noise_n2 + _TIES / power_n2, moments / noise_n2)
+            u = np.linalg.solve(gram / noise_n2 + ties, moments / noise_n2)
             rest_n2 = power_n2 - float(2.0 * u @ moments - u @ gram @ u) / total
             noise_n2 = max(rest_n2, _LEAST * power_n2)
         favoured = before is not None and length_m == before.length_m
@@ -120,25 +123,10 @@ def _direction(x_m: Array, length_m: float) -> Array:
     return PrandtlElement.run(np.diff(x_m, prepend=x_m[:1]) / length_m)
 
 
-def _lengths_m(range_m: float, before: PathForce | None, prior: PathForce | None) -> list[float]:
-    if prior is not None:
-        return [prior.length_m]
-    octaves = [2.0 ** (-0.5 * n) * range_m for n in _HALF_OCTAVES]
-    return octaves if before is None else [before.length_m, *octaves]
-
-
-def _normal_equations(
-    node: NDArray[np.intp], share: Array, direction: Array, left_n: Array, weights: Array
-) -> tuple[Array, Array]:
-    """phi' W phi and phi' W f of rows between `node` and the next, of which the next has a share."""
-    gram, moments = np.zeros((2, NODES, 2, NODES)), np.zeros((2, NODES))
-    i, hats = np.arange(NODES - 1), (1.0 - share, share)
-    powers = weights, weights * direction, weights * direction**2
-    for a in (0, 1):
-        for p in (0, 1):
-            moments[p, i + a] += np.bincount(node, powers[p] * hats[a] * left_n, NODES - 1)
-        for b in (0, 1):
-            sums = [np.bincount(node, power * hats[a] * hats[b], NODES - 1) for power in powers]
-            for p, q in ((0, 0), (0, 1), (1, 0), (1, 1)):
-                gram[p, i + a, q, i + b] += sums[p + q]
-    return gram.reshape(2 * NODES, 2 * NODES), moments.ravel()
+def _normal_equations(places: Array, direction: Array, left_n: Array, weights: Array) -> tuple[Array, Array]:
+    """phi' W phi and phi' W f of rows at places in steps."""
+    gram, moments = np.zeros((2 * NODES, 2 * NODES)), np.zeros(2 * NODES)
+    rows = places, direction, left_n, np.ascontiguousarray(weights)
+    addresses = [values.ctypes.data for values in (*rows, gram, moments)]
+    kernels().path_normal_equations(*addresses, len(places))
+    return gram, moments

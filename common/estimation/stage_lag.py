@@ -86,11 +86,11 @@ class StageLag:
         It is ignored if its command is unknown, or it is not finite or less than 4 ms after the last. After a
         start or a pause of 0.1 s nothing is learned for 0.2 s.
         """
-        sent = self._sent.get(stamp_ns)
-        if sent is None or not isfinite(readback_m):
-            return
         dt = GAP_S if self._observed_ns is None else (stamp_ns - self._observed_ns) * 1e-9
-        if dt < _EVERY_S:
+        if dt < _EVERY_S or not isfinite(readback_m):
+            return
+        sent = self._sent.get(stamp_ns)
+        if sent is None:
             return
         self._observed_ns = stamp_ns
         if dt >= GAP_S:

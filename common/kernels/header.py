@@ -4,7 +4,7 @@ constants that Python and C share, which are Python's.
 
 from collections.abc import Iterator, Mapping
 
-from forefeel.common.estimation import band, bank, blend, experts, forces, learner, state_filter
+from forefeel.common.estimation import band, bank, blend, experts, forces, learner, path_force, state_filter
 from forefeel.common.estimation.evaluator import Evaluation, Learned, OwnMotion, Predicted, Reading
 from forefeel.common.estimation.learner import Knowledge
 from forefeel.common.kernels.build import FOLDER
@@ -54,6 +54,7 @@ def _counts() -> Mapping[str, int]:
         "BINS": band.BINS,
         "ZERO_BIN": band.ZERO_BIN,
         "PER_OCTAVE": band.PER_OCTAVE,
+        "NODES": path_force.NODES,
         "WORSE_THAN_NOTHING": learner.WORSE_THAN_NOTHING,
     }
 

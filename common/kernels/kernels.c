@@ -12,6 +12,7 @@
 #include "evaluator.c"
 #include "learner.c"
 #include "loops.c"
+#include "path_force.c"
 #include "unit_tests.c"
 
 /* Digest of the sources that this was built from. */

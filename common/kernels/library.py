@@ -27,6 +27,7 @@ _ENTRIES: Mapping[str, tuple[Any, ...]] = {
     "gap": (None, *[_ADDRESS] * 6, _LONG),
     "oscillator": (None, *[_ADDRESS] * 7, _LONG),
     "slip": (None, *[_ADDRESS] * 8, _LONG),
+    "path_normal_equations": (None, *[_ADDRESS] * 6, _LONG),
 }
 """Type of the result, then of the arguments."""
 
