@@ -50,8 +50,9 @@ class Bench:
 
     def tick(self) -> str | None:
         """One ms; the fault of its end."""
-        now_ns = self.ms * MS
-        self.limiter.follow(self._asked_m(self.ms * 1e-3), 0.0, 0.0, 1e-3)
+        now_ns, asked_m = self.ms * MS, self._asked_m(self.ms * 1e-3)
+        velocity_m_s = (self._asked_m(self.ms * 1e-3 + 1e-4) - asked_m) * 1e4
+        self.limiter.follow(asked_m, velocity_m_s, 0.0, 1e-3)
         setpoint = self.limiter.position_m, self.limiter.velocity_m_s
         self._stage.command(*setpoint, self.ms * 1e-3)
         self.watch.command(*setpoint, now_ns)
