@@ -13,7 +13,7 @@ from tests.live_cell import Process, check_stops
 from tests.waiting import PATIENCE_S, wait_until
 
 AXIS = "insertion"
-RARE = {"any/estop", "slave/limit", "master/limit", "slave/calibration"}
+RARE = {"any/estop", "slave/limit", "master/limit", "slave/calibration", "slave/shape"}
 
 
 def recorded(path: Path) -> Run | None:
