@@ -47,10 +47,8 @@ _QUICKEST_M_S2 = 1000.0  # that the settings admit: coarse stamps let a velocity
 _APPROACH_M_S = 0.03  # m/s, fastest approach to the recording's start
 # A simulated world says where its wall begins and not how wide it is: radii in those of the instrument,
 # wider up to there and narrower beyond, for the wall resists more the deeper.
-_GUIDE_MM, _BEYOND_MM = (
-    30.0,
-    10.0,
-)  # that are drawn of the guide, and of a vessel beyond what the wire reaches
+# that are drawn of the guide, and of a vessel beyond what the wire reaches
+_GUIDE_MM, _BEYOND_MM = 30.0, 10.0
 _ENTRANCE, _INSTRUMENT, _DEEPEST = 2.6, 1.0, 0.7
 
 

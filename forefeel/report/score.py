@@ -59,9 +59,8 @@ def first_answers(
         forces = newest_first[answered[0][newest_first] == session_id]
         place = np.searchsorted(sent_ns, answered[1][forces], "right") - 1
         known = (place >= 0) & (answered[1][forces] - sent_ns[place] < ANSWERED_NS)
-        answers[sent[place[known]]] = forces[
-            known
-        ]  # where several answer, the last one that is written stays
+        # where several answer, the last one that is written stays
+        answers[sent[place[known]]] = forces[known]
     return answers
 
 

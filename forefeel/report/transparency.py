@@ -5,9 +5,9 @@ With s the `force_scale` and r the reference, over the commands that were sent w
     error = felt - s r,   R = rms(felt - s r) / rms(s held - s r),   JND = max(7 % of |s r|, 30 mN)
 
 Held: the newest force that had arrived. r is the force of a noise-free twin of the simulated world, which
-answers a command at once; or, as measured, the first force that the slave measured while it executed the
-command, laid back by the command's way. JND: the just noticeable difference of a force at the hand, 5 to 10 %
-of it (Pang, Tan, Durlach 1991); the finger's absolute threshold is 29 to 44 mN (docs/how-to/tuning.md).
+answers a command at once; or, as measured, the first force that the slave measured while it followed the
+motion of the command, laid back by its way. JND: the just noticeable difference of a force at the hand, 5 to
+10 % of it (Pang, Tan, Durlach 1991); the finger's absolute threshold is 29 to 44 mN (docs/how-to/tuning.md).
 """
 
 from contextlib import suppress
@@ -137,9 +137,9 @@ def _scored(run: Run, axis: str, commands: CommandTraces, contact_n: Floats) -> 
 
 def _force_scale(run: Run, axis: str) -> float:
     """Scale of the force to the hand; NaN where it was not recorded."""
-    states = list(run.messages(axis, MASTER_STATE))
-    if states and states[-1].force_scale:
-        return states[-1].force_scale
+    newest = run.column(axis, MASTER_STATE, "force_scale")[-1:].astype(np.float64)
+    if (newest > 0.0).any():
+        return float(newest[0])
     try:
         return float(run.metadata["run"]["force_scale"])  # there up to protocol 6
     except (KeyError, ValueError):
