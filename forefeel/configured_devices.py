@@ -21,11 +21,11 @@ class ConfiguredDevice(NamedTuple):
 
     @property
     def where(self) -> str:
-        """The port or the bus; empty without hardware."""
+        """The port, the bus or the service; empty without hardware."""
         can = getattr(self.settings, "can", None)
         if can is not None:
             return f"{can.interface} {can.channel} node {self.settings.node_id}"
-        return str(getattr(self.settings, "port", ""))
+        return str(getattr(self.settings, "port", getattr(self.settings, "url", "")))
 
     @property
     def serial_port(self) -> str | None:
