@@ -2,13 +2,12 @@
 SYNC, NMT, heartbeat and emergency are its own. Behind it are our drive and our sensor, in stepped time.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import can
 import pytest
 from durand import DatatypeEnum, MinimalNode, Record, Variable, set_scheduler
-from durand.network import NetworkABC
 from durand.scheduler import VirtualScheduler
 
 from forefeel.common.errors import DeviceError
@@ -39,8 +38,8 @@ TYPES = {
 }  # fmt: skip
 
 
-class Wire(NetworkABC):
-    """The bus, as durand asks for it."""
+class Wire:
+    """The bus, with the methods of durand's `NetworkABC`."""
 
     def __init__(self, bus: SteppedCanBus) -> None:
         self._bus = bus
@@ -63,7 +62,7 @@ class Wire(NetworkABC):
         self._bus.send(can.Message(arbitration_id=cob_id, data=msg, is_extended_id=False))
 
 
-def node_on(bus: SteppedCanBus, number: int, profile: int, entries: dict[ObjectEntry, float]) -> Any:  # noqa: ANN401
+def node_on(bus: SteppedCanBus, number: int, profile: int, entries: Mapping[ObjectEntry, float]) -> Any:  # noqa: ANN401
     """A node of durand with those objects beside the ones that each has."""
     node = MinimalNode(Wire(bus), number)
     objects = node.object_dictionary
@@ -143,21 +142,21 @@ def go(time: SteppedTime, stage: Cia402Stage, to_m: float, seconds: float) -> No
 def test_the_drive_is_identified_configured_led_and_left_at_rest(time: SteppedTime) -> None:
     drive, stage = opened_stage(time)
     assert stage.link.serial == "0000004D"
-    assert drive.model.state is cia402.DriveState.ENABLED
+    assert drive.model.state.name == "ENABLED"
     assert drive.model.objects[cia402.ABORT_OPTION] == cia402.ABORT_QUICK_STOP
     assert stage.read(time.now_ns()).position_m == pytest.approx(START_M, abs=2e-6)
     go(time, stage, START_M + 0.005, 1.0)
     assert drive.model.position_m == pytest.approx(START_M + 0.005, abs=2e-5)
     assert stage.read(time.now_ns()).position_m == pytest.approx(drive.model.position_m, abs=2e-5)
     stage.close()
-    assert drive.model.state is cia402.DriveState.QUICK_STOP
+    assert drive.model.state.name == "QUICK_STOP"
 
 
 def test_an_emergency_of_the_drive_is_a_fault_until_rearmed(time: SteppedTime) -> None:
     drive, stage = opened_stage(time)
     drive.model.fail(OVERCURRENT)
     time.run_until(lambda: stage.link.inhibited is not None)
-    with pytest.raises(DeviceError, match="emergency 2310|fault"):
+    with pytest.raises(DeviceError, match="emergency 2310"):
         stage.read(time.now_ns())
     time.run_until(lambda: stage.link.state is LinkState.CONFIGURED)
     stage.rearm()

@@ -25,7 +25,7 @@ _BASES = {  # never a section: what derives from them is
 WITHOUT_UNIT = {
     "connections", "seed", "loss", "burst_loss", "burst_length", "reorder", "duplicate", "priority",
     "flight_records", "device", "axis", "sign", "node_id", "port", "method", "force_scale", "force_axis",
-    "friction",
+    "friction", "direction",
 }  # fmt: skip
 
 
