@@ -23,13 +23,10 @@ from typing import Any
 
 from benchmarks.markdown import revision
 
-_DEBIAN = {
-    "mosquitto": "mosquitto", "nats-server": "nats-server", "redis-server": "redis-server",
-    "cyclictest": "rt-tests",
-}  # fmt: skip
+_DEBIAN = {"cyclictest": "rt-tests"}
 _LIBRARIES = (
     "eclipse-zenoh", "numpy", "pydantic", "mcap", "padasip", "filterpy", "statsmodels", "pysindy",
-    "sysidentpy", "reservoirpy", "scikit-learn", "pyzmq", "grpcio", "paho-mqtt", "nats-py", "redis",
+    "sysidentpy", "reservoirpy", "scikit-learn", "pyzmq", "grpcio",
     "pyserial", "python-can", "canopen",
 )  # fmt: skip
 _PLACES = os.pathsep.join([os.environ.get("PATH", ""), "/usr/sbin", "/usr/bin"])
@@ -53,7 +50,6 @@ ALL = (
         "message_path",
         "How long does a message take between two processes, beside other buses?",
         True,
-        programs=("mosquitto", "nats-server", "redis-server"),
     ),
     Benchmark(
         "cell",

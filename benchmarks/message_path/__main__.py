@@ -10,24 +10,19 @@ import json
 import socket
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
 
-from benchmarks.message_path.brokered_ways import Mqtt, Nats, Redis
-from benchmarks.message_path.brokers import broker
 from benchmarks.message_path.direct_ways import Grpc, ZeroMq
 from benchmarks.message_path.ends import Way, summary
 from benchmarks.message_path.zenoh_ways import BareZenoh, GatedInCallback, Own, OwnAsyncio
 from forefeel.common.runtime.realtime import prepare_process
 
 WAYS: dict[str, type[Way]] = {
-    way.__name__: way
-    for way in (BareZenoh, GatedInCallback, Own, OwnAsyncio, ZeroMq, Grpc, Mqtt, Nats, Redis)
+    way.__name__: way for way in (BareZenoh, GatedInCallback, Own, OwnAsyncio, ZeroMq, Grpc)
 }
-_BROKERS = {"Mqtt": "mosquitto", "Nats": "nats-server", "Redis": "redis-server"}
 _ROUNDS, _WARM_TRIPS, _TRIPS = 11, 500, 3000  # rounds; in each, round trips that are not counted and that are
 _PLAIN = "BareZenoh"
 Times = tuple[float, float, float, int]
@@ -44,7 +39,7 @@ def main() -> None:
         for name in reversed(WAYS) if number % 2 else WAYS:
             try:
                 found.setdefault(name, []).append(_measured(name))
-            except (ImportError, FileNotFoundError) as error:
+            except ImportError as error:
                 missing[name] = str(error)
     rows = table(found)
     print(text(rows, missing))
@@ -82,12 +77,11 @@ def text(rows: list[dict[str, object]], missing: dict[str, str]) -> str:
 
 
 def _measured(name: str) -> Times:
-    with tempfile.TemporaryDirectory() as folder, socket.create_server(("127.0.0.1", 0)) as probe:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]
-        probe.close()
-        with broker(_BROKERS.get(name), port, Path(folder)), _echo(name, port):
-            command = [sys.executable, "-m", "benchmarks.message_path", "measure", name, str(port)]
-            done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    with _echo(name, port):
+        command = [sys.executable, "-m", "benchmarks.message_path", "measure", name, str(port)]
+        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     if done.returncode != 0:
         last = (done.stderr.splitlines() or ["nothing said"])[-1]
         if "ModuleNotFoundError" in last:

@@ -10,8 +10,8 @@ from statistics import quantiles
 from benchmarks.gated import command
 
 PERIOD_S = 1e-3  # s between two messages: the 1 kHz of commands and forces
-TO, BACK = "forefeel.bench.to", "forefeel.bench.back"
-"""Subjects, channels and topics of those that have such."""
+TO = "forefeel.bench.to"
+"""The service that a way with names has."""
 
 
 class Stopwatch:
@@ -64,7 +64,7 @@ class Way(ABC):
 
     @abstractmethod
     def version(self) -> str:
-        """The version of the library, and of the broker where there is one."""
+        """The version of the library."""
 
     @abstractmethod
     def echo(self, ready: Callable[[], None]) -> None:
