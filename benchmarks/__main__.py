@@ -70,10 +70,7 @@ ALL = (
     Benchmark("service", "Start-up, memory, speed of virtual time"),
     Benchmark("cells", "How many cells does this machine carry?"),
     Benchmark("viewers", "What do viewers cost the cell that they watch?", True),
-    Benchmark("hardware_zaber", "The Zaber driver beside the raw line"),
-    Benchmark("hardware_cells", "The load cells' drivers beside pyserial alone"),
-    Benchmark("hardware_can", "The CAN drivers beside raw frames"),
-    Benchmark("hardware_handle", "The handle's link beside a raw echo"),
+    Benchmark("hardware", "What do the drivers cost beside the raw line?"),
     Benchmark("hardware_service", "The service on simulated and on emulated devices"),
     Benchmark(
         "links",

@@ -22,5 +22,5 @@ class CoilSettings(SerialSettings, HandleDriverSettings):
     newton_per_ampere: Annotated[float, Field(gt=0, le=1000)]
     max_current_a: Annotated[float, Field(gt=0, le=32)]
     actuator_delay_s: Annotated[float, Field(ge=0.001, le=0.02)] = 0.002
-    """From `render` to a state with its current: median 1.9 ms (`python -m benchmarks.hardware_handle`)."""
+    """From `render` to a state with its current: median 1.9 ms (`python -m benchmarks.hardware`)."""
     watchdog_s: Annotated[float, Field(ge=0.005, le=0.1)] = 0.02
