@@ -19,7 +19,7 @@ def all_limits(draw: st.DrawFn) -> Limits:
     return Limits(low_m, low_m + span_m, speed_m_s, speed_m_s / rising_s)
 
 
-@settings(max_examples=200)
+@settings(max_examples=60)
 @given(all_limits(), st.floats(10.0, 60.0), st.floats(20.0, 1000.0))
 def test_motion_stays_within_limits_and_ends_at_rest_at_home(
     limits: Limits, duration_s: float, rate_hz: float

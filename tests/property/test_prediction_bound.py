@@ -53,7 +53,7 @@ def taught(known: str, world: str) -> tuple[ContactModel | None, ContactPrior | 
     return WORLDS[world] if known == "model" else None, prior if known == "prior" else None
 
 
-@settings(max_examples=15)
+@settings(max_examples=8)
 @example(500.0, 0.3, 3.2, 1e-5, "vessel", "model", 4)
 @given(
     rate_hz=st.sampled_from([50.0, 77.0, 100.0, 217.0, 333.0, 500.0, 1000.0]),

@@ -98,6 +98,7 @@ def test_a_heart_is_named_by_what_varies(values: dict[str, float], name: str, pa
     assert cause.parameters[parameter].value == pytest.approx(values[parameter], rel=0.1)
 
 
+@pytest.mark.soak
 def test_what_follows_the_motion_has_no_heart() -> None:
     """A friction that wanders, to whose strokes a phase of their own is found all the same."""
     recorded = draw("outside", 1000)
