@@ -59,7 +59,7 @@ from tests.emulators.damage import DamagedWire, Faults
 
 _FRAMES, _DAMAGED = 100_000, 0.01  # frames, and the share of them with one wrong byte
 _PRIORITY = 50  # SCHED_FIFO of the CAN processes, as `realtime.priority` by default
-# bit/s: the defaults of the drivers' settings
+# bit/s: the defaults of the drivers' settings, but the coil's, which is 500,000
 _ZABER_BAUD, _BOTA_BAUD, _COIL_BAUD = 115_200, 460_800, 2_000_000
 _BOTA_HZ, _CAN_HZ = 800.0, 250  # the defaults of their rates
 _DRIVE, _CELL = 5, 6  # CANopen nodes, arbitrary
@@ -280,7 +280,7 @@ def _bota_damage() -> list[object]:
 
 def _coil_settings(port: Path) -> CoilSettings:
     given = {"driver": "coil_serial", "port": str(port), "counts_per_m": 1e6, "newton_per_ampere": 2.0}
-    return CoilSettings.model_validate(given | {"max_current_a": 3.0, "watchdog_s": 0.1})
+    return CoilSettings.model_validate(given | {"baud": _COIL_BAUD, "max_current_a": 3.0, "watchdog_s": 0.1})
 
 
 def _serve_coil(port: Path) -> None:

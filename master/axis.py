@@ -73,6 +73,7 @@ class MasterAxis:
         self._caveats, self._force_scale = settings.caveats, settings.rendering.force_scale
         self._slave_caveats: tuple[str, ...] = ()
         self._loop = loop
+        self._delay_s = settings.handle.actuator_delay_s
         self._bus = bus
         self._heartbeats = Heartbeats(bus.publisher(topics.MASTER_HEARTBEAT))
         self._force: NewestForce | None = None
@@ -109,6 +110,15 @@ class MasterAxis:
         bus.subscribe(topics.SLAVE_STATE, self._on_state)
         bus.subscribe(topics.SLAVE_HANDSHAKE, self._on_handshake)
         bus.subscribe(topics.SLAVE_HEARTBEAT, self._on_heartbeat)
+
+    def open(self) -> None:
+        """Opens the handle, whose force counts as late as it says, or the settings where they say more.
+
+        Raises:
+            DeviceError: the handle does not answer.
+        """
+        self.handle.open()
+        self._loop.late_by(max(self._delay_s, self.handle.actuator_delay_s))
 
     # --- where the transport delivers ---
 

@@ -60,7 +60,7 @@ class MasterDaemon:
         with ExitStack() as opened:  # closed again when the daemon can not be composed
             for axis in self.axes:
                 opened.callback(axis.handle.close)
-                axis.handle.open()
+                axis.open()
             self._register(runtime, buses[0])
             opened.pop_all()
 
@@ -144,8 +144,7 @@ def _axis(
     identification = IdentificationTask(
         prediction, Learner(prediction.evaluator, prior, model, runtime.compute)
     )
-    delay_s = settings.handle.actuator_delay_s
-    loop = HapticLoop(prediction, settings.rendering, settings.limits, delay_s)
+    loop = HapticLoop(prediction, settings.rendering, settings.limits)
     handle = make_handle(settings.handle, runtime.clock)
     return MasterAxis(daemon.cell, settings, handle, loop, identification, bus, new_id, event_sink, origin)
 

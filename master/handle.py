@@ -19,8 +19,8 @@ from forefeel.master.polarity import PolarityCheck
 
 
 class HandleDriverSettings(DriverSettings):
-    """`actuator_delay_s`: the longest time in s from `render` to the force at the hand. As long as it is
-    later by a tick of 1 ms at most, the force gives the hand no energy.
+    """`actuator_delay_s`: the longest time in s from `render` to the force at the hand; where the device says
+    more, that counts. As long as it is later by a tick of 1 ms at most, the force gives the hand no energy.
     """
 
     slot: ClassVar[Slot] = "handle"
@@ -73,6 +73,11 @@ class Handle(Protocol):
     @property
     def counters(self) -> Mapping[str, int]:
         """Counts of the handle's link, by name."""
+        ...
+
+    @property
+    def actuator_delay_s(self) -> float:
+        """Longest time from `render` to the force, as the open device says it; 0 where it says nothing."""
         ...
 
     def read(self, now_ns: int) -> HandleReading:

@@ -92,11 +92,10 @@ class HapticLoop:
         prediction: ForcePrediction,
         settings: RenderingSettings,
         limits: AxisLimits | None = None,
-        actuator_delay_s: float = 0.0,
     ) -> None:
         self.clutch = Clutch()
         self.prediction, self.stage_m = prediction, 0.0
-        self._renderer = ForceRenderer(settings, actuator_delay_s)
+        self._renderer = ForceRenderer(settings)
         self._watch = RenderingWatch(settings, limits or AxisLimits())
         self._rendered = Rendered(0.0, (), 0.0)
         self._feels_zoh = settings.source == "zoh"
@@ -144,6 +143,10 @@ class HapticLoop:
             hits=hits,
             energy_j=rendered.energy_j,
         )
+
+    def late_by(self, actuator_delay_s: float) -> None:
+        """Takes how late the handle's force is, before the first tick."""
+        self._renderer.late_by(actuator_delay_s)
 
     def applied(self, force_n: float) -> None:
         """Takes the force that the handle applied, for the energy balance."""

@@ -35,16 +35,21 @@ class ForceRenderer:
 
     def __init__(self, settings: RenderingSettings, actuator_delay_s: float = 0.0) -> None:
         self._settings = settings
+        self.late_by(actuator_delay_s)
         self._fade = 0.0
         self._target_n = 0.0
         self._previous_ns: int | None = None
         self._position_m: float | None = None
+        self._applied_n = 0.0
+        self.force_n = 0.0
+
+    def late_by(self, actuator_delay_s: float) -> None:
+        """Begins the energy balance for an actuator of that delay."""
+        settings = self._settings
         self._observer = PassivityObserver(actuator_delay_s)
         self._passivity = PassivityLimit(
             settings.max_force_n, settings.max_slew_n_s, settings.max_stiffness_n_m, actuator_delay_s
         )
-        self._applied_n = 0.0
-        self.force_n = 0.0
 
     def render(self, now_ns: int, contact_n: float | None, live: bool, position_m: float) -> Rendered:
         """Force to render: `contact_n` scaled, clipped, faded, limited in slew, made passive; with the limits

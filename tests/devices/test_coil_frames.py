@@ -21,14 +21,14 @@ from forefeel.devices.coil.protocol import (
 
 STATE = CoilState(65_535, 4_294_967_295, -123_456, 58_000, Button.DEADMAN, Flag.NOT_HOMED, -1500)
 COMMAND = CoilCommand(258, -1500, SafetyState.ARMED, 12_300, True)
-IDENTITY = CoilIdentity(1, 20, 2000, "forefeel-coil", "A17", "1.4")
+IDENTITY = CoilIdentity(2, 20, 1000, 1000, 1500, 2_000_000, "forefeel-coil", "A17", "2.0")
 
-# made by another program, bit by bit from the definitions of COBS and CRC-16/CCITT-FALSE
+# made by other programs: bit by bit from the definitions of COBS and CRC-16/CCITT-FALSE; by firmware/handle
 GOLDEN: list[tuple[Frame, str]] = [
     (STATE, "000e01ffffffffffffc01dfeff90e20107010824fac28f00"),
     (COMMAND, "000902020124fa040c30010401845800"),
-    (Identify(1, 20, 2000), "000403011405d00737de00"),
-    (IDENTITY, "00040401141bd0070d666f72656665656c2d636f696c0341313703312e34b65000"),
+    (Identify(2, 20, 2000), "000403021405d007e53000"),
+    (IDENTITY, "00040402140ae803e803dc0580841e190d666f72656665656c2d636f696c0341313703322e308ca800"),
 ]
 
 

@@ -92,7 +92,9 @@ def silent(bench: Bench) -> None:
 @pytest.mark.parametrize(
     ("hardware", "before", "says"),
     [
-        (CoilHardware(protocol=2), None, "protocol 2; expected 1"),
+        (CoilHardware(protocol=3), None, "protocol 3; expected 2"),
+        (CoilHardware(period_us=4001), None, "a state each 4 ms; expected 5 within watchdog_s"),
+        (CoilHardware(counts_per_m=2e6), None, "says 2000000 counts/m"),
         (CoilHardware(name="toaster"), None, "'toaster'"),
         (None, hot, "too hot"),
         (None, silent, "no answer"),
@@ -107,6 +109,54 @@ def test_device_that_is_not_fit_is_refused(
         with pytest.raises(DeviceSetupError, match=says):
             bench.handle.open()
         assert bench.device.current_a == 0.0
+
+
+def test_counts_have_to_be_known_to_device_or_settings() -> None:
+    with (
+        closed(hardware=CoilHardware(knows_counts=False), counts_per_m=None) as bench,
+        pytest.raises(DeviceSetupError, match="says 0 counts/m"),
+    ):
+        bench.handle.open()
+
+
+def test_force_that_is_later_than_passivity_allows_for_is_refused() -> None:
+    with (
+        closed(hardware=CoilHardware(period_us=10_000), watchdog_s=0.1) as bench,
+        pytest.raises(DeviceSetupError, match=r"up to 20\.3 ms late; expected 20 ms at most"),
+    ):
+        bench.handle.open()
+
+
+def test_rate_lateness_and_counts_are_those_of_the_device() -> None:
+    """A slower device that counts otherwise; its states are carried on over five of its periods."""
+    hardware = CoilHardware(period_us=3000, counts_per_m=4e5)
+    with opened(hardware=hardware, counts_per_m=None, watchdog_s=0.05) as bench:
+        wire_s = 16 * 10 / 500_000
+        assert bench.handle.actuator_delay_s == pytest.approx(0.003 + wire_s + 0.003)
+        assert bench.handle.link.identity.endswith(
+            "firmware 2.0: a state each 3 ms, force up to 6.32 ms late, 400000 counts/m"
+        )
+        bench.hand.course = lambda t: 0.1 * t
+        bench.run(600)
+        assert bench.reading.position_m == pytest.approx(0.1 * bench.time.t_s, abs=0.1 * 0.0012 + 2.5e-6)
+        assert bench.counters["frames"] == pytest.approx(200, abs=10)
+        assert bench.counters["frames_lost"] == 0
+        bench.silent = True
+        first = bench.reading.position_m
+        moved = [bench.run(1).reading.position_m - first for _ in range(25)]
+        assert moved[9] == pytest.approx(1e-3, abs=1e-5)
+        assert moved[-1] == moved[18] <= 1.51e-3
+
+
+def test_device_that_says_other_than_before_is_not_taken_for_it() -> None:
+    with opened() as bench:
+        bench.line.plugged = False
+        bench.run(30)
+        bench.line.device = CoilDevice(CoilHardware(period_us=2000), bench.hand)
+        bench.line.plugged = True
+        bench.run(3 * RETRY_MS)
+        assert bench.state is not LinkState.CONFIGURED
+        assert bench.counters["faults"] >= 2
 
 
 def test_lost_question_is_asked_again() -> None:

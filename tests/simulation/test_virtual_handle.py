@@ -12,6 +12,7 @@ from forefeel.devices.coil.emulator import CoilDevice
 from forefeel.devices.coil.settings import CoilSettings
 from forefeel.devices.emulation.wire import Wire
 from forefeel.devices.shared.conversation import Conversation
+from forefeel.master.passivity import late_ticks
 from tests.devices.coil_rig import coil_settings
 from tests.simulation.pair import Pair, S
 
@@ -99,6 +100,15 @@ def test_the_operators_hand_moves_the_stage_and_feels_it(broken: tuple[Rig, floa
     # 2 N/A, to the milliampere, a millisecond later
     assert max(rig.currents_a) == pytest.approx(rendered_n[before].max() / 2.0, abs=0.002)
     assert rig.handle.counters["frames_lost"] == 0
+
+
+def test_the_force_counts_as_late_as_the_device_says(broken: tuple[Rig, float]) -> None:
+    rig, _ = broken
+    said_s = rig.handle.actuator_delay_s
+    assert said_s == pytest.approx(0.00232)  # a period, 16 bytes at 500 kbaud, a period
+    renderer = rig.pair.master.axes[0]._loop._renderer
+    assert renderer._passivity._pending == late_ticks(said_s) + 2 == 5
+    assert renderer._observer._forces_n.maxlen == 4
 
 
 def test_a_handle_that_fails_stops_the_stage_and_says_why(broken: tuple[Rig, float]) -> None:

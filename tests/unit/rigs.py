@@ -176,6 +176,7 @@ class FakeHandle(FakeDevice):
     name = "handle"
     finished = False
     clutched_out_s = 1.5
+    actuator_delay_s = 0.0
 
     def __init__(self) -> None:
         super().__init__()

@@ -11,6 +11,7 @@ from forefeel.common.events.text import quantity
 from forefeel.common.hardware.link import DeviceLink, LinkState
 from forefeel.common.messages import Grip
 from forefeel.devices.coil.protocol import (
+    COMMAND_BYTES,
     NAME,
     PROTOCOL,
     Button,
@@ -31,7 +32,9 @@ from forefeel.master.handle import HandleReading, Indication
 # --- The host's half of the exchange: handshake, then a command for each state.
 _ASK_NS = 100_000_000  # ns between two requests for the identity
 _PATIENCE_NS = 1_000_000_000  # ns for the handshake
-_PERIOD_S = 0.001  # s between two states
+_BITS = 10  # start, eight data bits, stop
+_LEAST_PERIODS = 5  # between two states, that the watchdog's time has to hold
+_LATEST_S = 0.02  # s that a force may be late at most, as in the settings
 _FAULTS = {
     Flag.WATCHDOG: "its watchdog took the current away: no command in time",
     Flag.OVER_TEMPERATURE: "the coil is too hot",
@@ -69,17 +72,20 @@ class CoilTalk:
         setpoint, shown: what the next command carries. A current is only ever sent while the link is READY.
         settled: whether the handshake is done.
         pressed_anew: after a fault: the deadman was let go and pressed since the handshake.
+        period_s, counts_per_m, actuator_delay_s: as the device says, since the first handshake; the counts by
+            the settings where it does not know them.
     """
 
     def __init__(self, settings: CoilSettings, link: DeviceLink) -> None:
         self._settings, self._link = settings, link
         self._watchdog_ns = round(settings.watchdog_s * 1e9)
-        self._serial: str | None = None
+        self._identity: CoilIdentity | None = None
+        self.period_s, self.counts_per_m, self.actuator_delay_s = 0.0, 0.0, 0.0
         self.setpoint, self.shown = _NO_CURRENT, Indication(None, None)
         self._restart(0)
 
     def _restart(self, now_ns: int) -> None:
-        self._parser, self._time = CoilParser(self._link.counters), DeviceTime(_PERIOD_S)
+        self._parser = CoilParser(self._link.counters)
         self._begun_ns = self._asked_ns = now_ns
         self._bytes = self._sequence = 0
         self.newest: Stamped | None = None
@@ -126,9 +132,9 @@ class CoilTalk:
         return encode(Identify(PROTOCOL, watchdog_ms, limit_ma))
 
     def _take_identity(self, identity: CoilIdentity) -> None:
-        """Stores serial number and identity in the link: IDENTIFIED; ignores an identity unless the link is
-        OPEN. DeviceSetupError: no such device or protocol, another serial number than before, or a watchdog
-        or limit above the settings.
+        """Stores serial number and identity in the link, and what the device says of itself: IDENTIFIED;
+        ignores an identity unless the link is OPEN. DeviceSetupError: no such device or protocol, another one
+        than before, a watchdog or limit above the settings, or what `_measures` refuses.
         """
         if self._link.state is not LinkState.OPEN:
             return
@@ -143,17 +149,46 @@ class CoilTalk:
             raise DeviceSetupError(
                 f"{port}: firmware {firmware} speaks protocol {identity.protocol}; expected {PROTOCOL}"
             )
-        if self._serial not in (None, serial):
-            raise DeviceSetupError(f"{port}: serial number {serial}; expected {self._serial}, as before")
+        if self._identity not in (None, identity):
+            raise DeviceSetupError(f"{port}: {identity} answers; expected {self._identity}, as before")
         watchdog_ms, limit_ma = round(settings.watchdog_s * 1e3), round(settings.max_current_a * 1e3)
         if identity.watchdog_ms > watchdog_ms or identity.limit_ma > limit_ma:
             raise DeviceSetupError(
                 f"{port}: watchdog {identity.watchdog_ms} ms, limit {identity.limit_ma} mA; "
                 f"expected at most {watchdog_ms} ms and {limit_ma} mA (watchdog_s, max_current_a)"
             )
-        self._serial = self._link.serial = serial
-        self._link.identity = f"{name} {serial}, firmware {firmware}"
+        measures = self._measures(identity)
+        self._identity, self._link.serial = identity, serial
+        self._time = DeviceTime(self.period_s)
+        self._link.identity = f"{name} {serial}, firmware {firmware}: {measures}"
         self._link.advance(LinkState.IDENTIFIED)
+
+    def _measures(self, identity: CoilIdentity) -> str:
+        """Sets period, counts per metre and lateness of the force by what the device says; returns them as
+        text. DeviceSetupError: a watchdog's time of less than five periods, a force later than 20 ms, counts
+        that neither device nor settings know, or both and not the same.
+        """
+        settings = self._settings
+        self.period_s = identity.period_us * 1e-6
+        self.counts_per_m = identity.counts_per_m or settings.counts_per_m or 0.0
+        # a force waits for the next state, its command crosses the wire, the device makes a current of it
+        wire_s = COMMAND_BYTES * _BITS / settings.baud
+        self.actuator_delay_s = self.period_s + wire_s + identity.late_us * 1e-6
+        period, late = quantity(self.period_s, "s"), quantity(self.actuator_delay_s, "s")
+        if not 0.0 < _LEAST_PERIODS * self.period_s <= settings.watchdog_s:
+            raise DeviceSetupError(
+                f"{settings.port}: a state each {period}; expected {_LEAST_PERIODS} within watchdog_s"
+            )
+        if self.actuator_delay_s > _LATEST_S:
+            raise DeviceSetupError(
+                f"{settings.port}: its force is up to {late} late; expected {_LATEST_S * 1e3:g} ms at most"
+            )
+        if settings.counts_per_m not in (None, self.counts_per_m) or not self.counts_per_m:
+            raise DeviceSetupError(
+                f"{settings.port}: the device says {identity.counts_per_m} counts/m (0: not known), "
+                f"counts_per_m is {settings.counts_per_m}; expected one of them, or the same"
+            )
+        return f"a state each {period}, force up to {late} late, {self.counts_per_m:.9g} counts/m"
 
     def _shake(self, now_ns: int, fresh: bool) -> bytes:
         """Returns the next bytes of the handshake: the request again each 0.1 s, then a command for each
@@ -186,7 +221,7 @@ class CoilTalk:
                 )
             return f"{settings.port}: {_in_words(flags)}; expected a handle without a fault"
         if self._link.state is LinkState.IDENTIFIED:
-            return f"{settings.port}: {self._link.identity} sends no states; expected one each ms"
+            return f"{settings.port}: no states; expected them of {self._link.identity}"
         received = f"{self._bytes} bytes, no answer among them" if self._bytes else "no answer"
         return (
             f"{settings.port}: {received} at {settings.baud} baud; expected a coil handle (wrong port, baud?)"
@@ -263,7 +298,7 @@ def _in_words(flags: Flag) -> str:
 
 # --- The handle port.
 _OPEN_S = 3.0  # s until the link is ready: the second of `_PATIENCE_NS`, and two for opening the port
-_CARRIED_S = 0.005  # s by which a state is carried on with its velocity: five periods; then the hand rests
+_CARRIED_PERIODS = 5  # by which a state is carried on with its velocity; then the hand rests
 _READ_S = 0.25  # of the watchdog's time: how long a read may wait for a byte
 
 
@@ -293,6 +328,11 @@ class CoilHandle:
         return self.link.counters
 
     @property
+    def actuator_delay_s(self) -> float:
+        """By what the device says of itself."""
+        return self._talk.actuator_delay_s
+
+    @property
     def pressed_anew(self) -> bool:
         return self.link.state is LinkState.CONFIGURED and self._talk.pressed_anew
 
@@ -320,7 +360,7 @@ class CoilHandle:
 
     def read(self, now_ns: int) -> HandleReading:
         """Returns position, velocity and buttons by the newest state, carried on by its velocity for at most
-        5 ms. A state older than the watchdog's time is a fault of the link.
+        five periods. A state older than the watchdog's time is a fault of the link.
 
         Raises:
             DeviceError: a fault, now or before, that nobody has re-armed after.
@@ -332,11 +372,12 @@ class CoilHandle:
         if age_s > self._settings.watchdog_s:
             self.link.fault(_too_old(newest, now_ns))
             self.link.require_ready()
-        per_m, state = self._settings.sign * self._settings.counts_per_m, newest.state
+        per_m, state = self._settings.sign * self._talk.counts_per_m, newest.state
+        carried_s = _CARRIED_PERIODS * self._talk.period_s
         pressed = Button.DEADMAN in state.buttons
         grip = Grip.OPEN if Button.GRIPPER in state.buttons else Grip.CLOSED
-        position_m = (state.counts + state.velocity * min(age_s, _CARRIED_S)) / per_m
-        velocity_m_s = state.velocity / per_m if age_s <= _CARRIED_S else 0.0
+        position_m = (state.counts + state.velocity * min(age_s, carried_s)) / per_m
+        velocity_m_s = state.velocity / per_m if age_s <= carried_s else 0.0
         stop = Button.ESTOP in state.buttons
         return HandleReading(position_m, velocity_m_s, pressed, grip, estop=stop)
 

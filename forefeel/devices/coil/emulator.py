@@ -26,7 +26,6 @@ from forefeel.devices.simulated.operator import Operator
 from forefeel.devices.simulated.settings import OperatorSettings
 from forefeel.master.handle import Handle, HandleReading, Indication
 
-_PERIOD_S = 0.001  # s between two states: the protocol's 1 kHz
 _PASSING = {"overrange": Flag.NOT_HOMED, "hot": Flag.OVER_TEMPERATURE}
 _PASSES_S = 1.0  # s that the encoder looks for its zero, or the coil cools
 _HANG_S = 0.5  # s after which the hardware's own watchdog starts the firmware anew
@@ -37,10 +36,12 @@ _NO_COMMAND = CoilCommand(0, 0, None, None, False)
 @dataclass(frozen=True, slots=True)
 class CoilHardware:
     """Constants of the emulated hardware. `peak_a`: the amplifier's limit; `sign`: -1 where it counts against
-    the insertion.
+    the insertion; `knows_counts`: whether it says what a metre counts.
     """
 
+    period_us: int = 1000
     counts_per_m: float = 1e6
+    knows_counts: bool = True
     newton_per_ampere: float = 2.0
     sign: Sign = 1
     peak_a: float = 3.0
@@ -51,7 +52,7 @@ class CoilHardware:
 
 
 class CoilDevice:
-    """The firmware at 1 kHz, pure in time: an `EmulatedDevice`.
+    """The firmware, pure in time: an `EmulatedDevice`.
 
     `person` holds the handle: feels the coil's force, sees the lamp and the stage's position that the host
     sends (dark when the host is silent); the synthetic operator without one.
@@ -67,6 +68,7 @@ class CoilDevice:
         self, hardware: CoilHardware | None = None, person: Handle | None = None, seed: int = 0
     ) -> None:
         self.hardware = hardware or CoilHardware()
+        self._period_s = self.hardware.period_us * 1e-6
         self.counters: Counter[str] = Counter()
         self.current_a = 0.0
         self.person = person or Operator(OperatorSettings(), seed)
@@ -100,8 +102,8 @@ class CoilDevice:
 
     def advance(self, t_s: float) -> bytes:
         sent, self._answer = bytearray(self._answer), b""
-        while self._next * _PERIOD_S <= t_s + 1e-9:
-            sent += self._step(self._next * _PERIOD_S)
+        while self._next * self._period_s <= t_s + 1e-9:
+            sent += self._step(self._next * self._period_s)
             self._next += 1
         return bytes(sent)
 
@@ -112,11 +114,11 @@ class CoilDevice:
         """
         match fault:
             case "stuck":
-                self._hangs_until_s = self._next * _PERIOD_S + _HANG_S
+                self._hangs_until_s = self._next * self._period_s + _HANG_S
             case "drive_fault":
                 self._flags |= Flag.OVERCURRENT
             case _:
-                self._passing, self._passes_s = _PASSING[fault], self._next * _PERIOD_S + _PASSES_S
+                self._passing, self._passes_s = _PASSING[fault], self._next * self._period_s + _PASSES_S
 
     def _identify(self, request: Identify, t_s: float) -> None:
         """Answers a request with the identity, sets watchdog and current limit (at most its own), clears
@@ -130,8 +132,11 @@ class CoilDevice:
         self._flags &= ~(Flag.WATCHDOG | Flag.OVERCURRENT)
         self._identified = True
         self._command, self._command_s = _NO_COMMAND, t_s
-        identity = hardware.name, hardware.serial, "1.0"
-        self._answer += encode(CoilIdentity(hardware.protocol, watchdog_ms, limit_ma, *identity))
+        period_us, counts = hardware.period_us, round(hardware.counts_per_m) if hardware.knows_counts else 0
+        limits = watchdog_ms, limit_ma
+        measures = period_us, period_us, counts  # a command waits for the next step
+        identity = hardware.name, hardware.serial, "2.0"
+        self._answer += encode(CoilIdentity(hardware.protocol, *limits, *measures, *identity))
 
     def _step(self, t_s: float) -> bytes:
         """Advances by one period and returns the state as bytes: none before the request, the last while it
@@ -195,7 +200,8 @@ def build(settings: CoilSettings, around: Surroundings, leave: ExitStack) -> Ser
     """Builds the emulated handle on the settings' port, for `Emulation`; a synthetic operator holds it."""
     del leave
     hardware = CoilHardware(
-        counts_per_m=settings.counts_per_m,
+        counts_per_m=settings.counts_per_m or 1e6,
+        knows_counts=settings.counts_per_m is None,
         newton_per_ampere=settings.newton_per_ampere,
         sign=settings.sign,
         peak_a=settings.max_current_a,
@@ -203,4 +209,4 @@ def build(settings: CoilSettings, around: Surroundings, leave: ExitStack) -> Ser
     return SerialBench(CoilDevice(hardware, seed=around.seed), Path(settings.port), settings.baud)
 
 
-EMULATION = Emulation({"counts_per_m": 1e6, "newton_per_ampere": 2.0, "max_current_a": 3.0}, build)
+EMULATION = Emulation({"newton_per_ampere": 2.0, "max_current_a": 3.0}, build)

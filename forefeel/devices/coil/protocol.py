@@ -3,13 +3,14 @@
 A frame is `00 COBS(kind u8, body, CRC-16/CCITT-FALSE u16) 00`, little-endian. The delimiter stands on both
 sides, so that a byte that is wrong anywhere, a delimiter included, costs one frame and no other.
 
-The device sends states at its own rate (1 kHz) once it has been identified; each is answered by a command.
+The device sends states at the rate that its identity says, once it has been identified; each is answered by
+a command. firmware/ has the frames on a page, and the firmware of a reference handle.
 """
 
 import binascii
 import struct
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import IntEnum, IntFlag
 from typing import NamedTuple
 
@@ -17,16 +18,19 @@ from cobs import cobs
 
 from forefeel.common.messages import SafetyState
 
-PROTOCOL = 1  # version of this protocol; a device of another one is refused
+PROTOCOL = 2  # version of this protocol; a device of another one is refused
 NAME = "forefeel-coil"
 MAX_BUFFER = 512  # bytes without a delimiter that are stored: no frame is as long
 
 _CRC = struct.Struct("<H")
 _STATE = struct.Struct("<HIiiBBh")
 _COMMAND = struct.Struct("<HhBiB")
+COMMAND_BYTES = _COMMAND.size + 6  # on the wire: two delimiters, COBS, kind, CRC
 _IDENTIFY = struct.Struct("<BHH")
+_IDENTITY = struct.Struct("<BHHHHI")
 _MOST_TEXT_BYTES = 32  # bytes of a text in an identity
-_MOST_I16, _MOST_I32, _MOST_U16 = 2**15 - 1, 2**31 - 1, 2**16 - 1  # largest of i16, i32 and u16
+_MOST_I16, _MOST_I32 = 2**15 - 1, 2**31 - 1  # largest of i16 and i32
+_MOST_U16, _MOST_U32 = 2**16 - 1, 2**32 - 1
 _NO_POSITION_UM = -(2**31)  # `stage_um` of an unknown position: a position is clamped to +-(2**31 - 1)
 
 _LAMPS: tuple[SafetyState | None, ...] = (
@@ -98,11 +102,18 @@ class Identify(NamedTuple):
 
 
 class CoilIdentity(NamedTuple):
-    """Answer to `Identify`; `watchdog_ms`, `limit_ma`: as the device has set them."""
+    """Answer to `Identify`; `watchdog_ms`, `limit_ma`: as the device has set them.
+
+    `period_us`: between two states; `late_us`: the longest time from a command's arrival to its current;
+    `counts_per_m`: 0 where the device does not know it.
+    """
 
     protocol: int
     watchdog_ms: int
     limit_ma: int
+    period_us: int
+    late_us: int
+    counts_per_m: int
     name: str
     serial: str
     firmware: str
@@ -115,7 +126,7 @@ def encode(frame: Frame) -> bytes:
     """Encodes a frame for the wire; clamps numbers that do not fit, cuts texts to 32 characters."""
     match frame:
         case CoilState():
-            sequence, time_us = frame.sequence & _MOST_U16, frame.time_us & 0xFFFFFFFF
+            sequence, time_us = frame.sequence & _MOST_U16, frame.time_us & _MOST_U32
             counts, velocity = _clamped(frame.counts, _MOST_I32), _clamped(frame.velocity, _MOST_I32)
             current_ma = _clamped(frame.current_ma, _MOST_I16)
             body = _STATE.pack(
@@ -128,11 +139,12 @@ def encode(frame: Frame) -> bytes:
             body = _COMMAND.pack(frame.sequence & _MOST_U16, current_ma, lamp, stage_um, frame.enabled)
             kind = _Kind.COMMAND
         case Identify():
-            body, kind = _identify(frame), _Kind.IDENTIFY
+            body, kind = _IDENTIFY.pack(*_unsigned(frame[:3])), _Kind.IDENTIFY
         case CoilIdentity():
             names = frame.name, frame.serial, frame.firmware
             texts = [name.encode("ascii", "replace")[:_MOST_TEXT_BYTES] for name in names]
-            body = _identify(frame) + b"".join(bytes([len(text)]) + text for text in texts)
+            body = _IDENTITY.pack(*_unsigned(frame[:5]), min(frame.counts_per_m, _MOST_U32))
+            body += b"".join(bytes([len(text)]) + text for text in texts)
             kind = _Kind.IDENTITY
     payload = bytes([kind]) + body
     stuffed: bytes = cobs.encode(payload + _CRC.pack(crc_ccitt_false(payload)))
@@ -212,14 +224,14 @@ def _command(body: bytes) -> CoilCommand:
 
 def _identity(body: bytes) -> CoilIdentity:
     """Decodes an identity; ValueError, IndexError: lengths that are not the body's."""
-    texts, at = [], _IDENTIFY.size
+    texts, at = [], _IDENTITY.size
     for _ in range(3):
         end = at + 1 + body[at]
         texts.append(body[at + 1 : end].decode("ascii"))
         at = end
     if at != len(body):
         raise ValueError("a length that is not the body's")
-    return CoilIdentity(*_IDENTIFY.unpack_from(body), *texts)
+    return CoilIdentity(*_IDENTITY.unpack_from(body), *texts)
 
 
 _DECODERS: dict[int, Callable[[bytes], Frame]] = {
@@ -230,10 +242,9 @@ _DECODERS: dict[int, Callable[[bytes], Frame]] = {
 }
 
 
-def _identify(frame: Identify | CoilIdentity) -> bytes:
-    return _IDENTIFY.pack(
-        frame.protocol & 0xFF, min(frame.watchdog_ms, _MOST_U16), min(frame.limit_ma, _MOST_U16)
-    )
+def _unsigned(numbers: Sequence[int]) -> list[int]:
+    """Version of the protocol and numbers of u16 behind it, clamped."""
+    return [numbers[0] & 0xFF, *(min(number, _MOST_U16) for number in numbers[1:])]
 
 
 def _clamped(value: int, largest: int) -> int:

@@ -256,6 +256,8 @@ class HaplyHandle:
     finished = False
     clutched_out_s = 0.0
     """A hand does not say whether it means to wait."""
+    actuator_delay_s = 0.0
+    """The service does not say it."""
 
     def __init__(self, settings: HaplySettings, clock: Clock | None = None) -> None:
         self._settings, self._clock = settings, clock or MonotonicClock()

@@ -88,6 +88,8 @@ class SimulatedHandle:
         finished: whether a motion that ends by itself has ended.
     """
 
+    actuator_delay_s = 0.0
+
     def __init__(self) -> None:
         self.person = SimulatedOperatorPolicy()
         self.finished = False
