@@ -17,7 +17,7 @@ REMOVE_ZIG := $(BIN)/python -m pip uninstall --quiet --disable-pip-version-check
 test system: export OPENBLAS_NUM_THREADS := 1
 demo test system: export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help kernels demo test check docs bench hidden-effects system fuzz sanitize format wheel lock clean
+.PHONY: help kernels demo test check docs bench hidden-effects system firmware fuzz sanitize format wheel lock clean
 
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -77,6 +77,19 @@ hidden-effects: $(READY) ## both generators: false confidence first; 400 recordi
 MINUTES ?= 10
 system: $(READY) ## as root, by hand: faults, attacks, signals, soak, page (45 minutes); docs/explanation/faults.md
 	$(BIN)/python -m tests.system --minutes $(MINUTES) --out docs/explanation/faults.md
+
+# AVR and ARM have no compiler in Python's registry; the chips' emulators in JavaScript stay outside of the clone
+FIRMWARE_PACKAGES := make gcc-avr avr-libc gcc-arm-none-eabi qemu-system-misc nodejs npm
+CHIPS = $${XDG_CACHE_HOME:-$$HOME/.cache}/forefeel/chips
+firmware: $(READY) ## as root, or with its tools: builds firmware/, prints the sizes, and runs it in emulated chips (2 minutes)
+	@for tool in avr-gcc arm-none-eabi-gcc qemu-system-avr node npm; do command -v $$tool >/dev/null || missing=yes; done; \
+	[ -z "$$missing" ] || { [ "$$(id -u)" = 0 ] && apt-get update -qq && DEBIAN_FRONTEND=noninteractive \
+	apt-get install -y -qq --no-install-recommends $(FIRMWARE_PACKAGES); } || \
+	{ echo "make: type: sudo apt-get install $(FIRMWARE_PACKAGES)"; exit 2; }
+	npm install --silent --no-audit --no-fund --prefix "$(CHIPS)" avr8js@0.21.1 rp2040js@1.4.1 || echo "make: no avr8js, no rp2040js"
+	$(MAKE) -C firmware OUT=$(abspath out/firmware/index) INDEX=1 >/dev/null
+	$(MAKE) -C firmware OUT=$(abspath out/firmware)
+	$(BIN)/python -m tests.firmware out/firmware "$(CHIPS)/node_modules"
 
 fuzz: $(READY) ## 100,000 byte strings for every parser
 	$(BIN)/python -m pytest -m fuzz -s --timeout 900

@@ -11,7 +11,9 @@ from docs.hooks import reference
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
-WRITTEN = sorted([*DOCS.rglob("*.md"), *(ROOT / name for name in ("README.md", "CONTRIBUTING.md"))])
+WRITTEN = sorted(
+    [*DOCS.rglob("*.md"), *(ROOT / "firmware").glob("*.md"), ROOT / "README.md", ROOT / "CONTRIBUTING.md"]
+)
 
 _FENCE = re.compile(r"^(\s*)```(\w*)\s*$")
 _HEADING = re.compile(r"^#{1,6} +(.*?)(?:\s*\{ #([\w-]+) \})?\s*$", re.MULTILINE)
