@@ -61,7 +61,12 @@ ALL = (
     Benchmark("prediction", "How far off is the predictor, beside others?", True, words=("--delays", "300")),
     Benchmark("prediction_figure", "The same over the delay: docs/assets/error-over-delay.svg"),
     Benchmark("felt_force", "What does the hand feel at a wall across a delay?"),
-    Benchmark("foreign_worlds", "How good are prediction and felt force in worlds of others?", True),
+    Benchmark(
+        "foreign_worlds",
+        "How good are prediction and felt force in worlds of others?",
+        True,
+        words=("--worlds", "coronary,arch"),
+    ),
     Benchmark("diagnosis", "How long does a diagnosis take, and how does that grow?"),
     Benchmark("diagnosis_peers", "Which causes are named right, beside PySINDy and sysidentpy?", True),
     Benchmark("recording", "What does a recording cost by its length, beside the MCAP library?", True),
