@@ -24,6 +24,7 @@ COMMANDS = {
     "master": "Run the master daemon: handle, haptic loop, prediction.",
     "record": "Record a cell to MCAP until Ctrl-C, in a process of its own.",
     "metrics": "Serve what a cell says of itself to Prometheus, as a viewer in a process of its own.",
+    "ros": "Show a cell to ROS 2 as CRTK topics, over DDS or Zenoh, as a viewer in a process of its own.",
     "dashboard": "Show a cell live in the browser, as a viewer in a process of its own, which commands "
     "nothing.",
     "view": "Show a recorded run in the same page, at any of its times.",
@@ -55,6 +56,7 @@ SECTIONS = {
         "slave --config slave.yaml", "master --config master.yaml",
         "record --config recorder.yaml --out run.mcap",
         "dashboard --connect tcp/10.0.0.2:7447", "metrics --connect tcp/10.0.0.2:7447",
+        "ros --connect tcp/10.0.0.2:7447",
         "view run.mcap", "report run.mcap --out out",
     ),
     "Diagnose": ("investigate run.csv", "evaluate run.csv", "simulate --model catheter --out run.csv"),

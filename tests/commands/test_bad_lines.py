@@ -17,7 +17,7 @@ MODEL = "schema: forefeel.model/1\nname: x\neffects:\n"
 MAGIC, BIAS, CONTACT = (f"{MODEL}  - effect: {name}\n" for name in ("magic", "bias", "contact_loss"))
 AXIS = "role: slave\naxes:\n  - "
 VESSEL = "instrument_radius_mm: 0.9\nlumen_radius_mm: {0: 3.0, 40: -1.0}\n"
-NEAR = "--connect tcp/127.0.0.1:9"
+NEAR, ROUTED = "--connect tcp/127.0.0.1:9", "--zenoh tcp/127.0.0.1:9"
 REAL = f"{AXIS}stage: {{driver: zaber_ascii, port: p, microstep_m: 1.0e-7, travel_m: [-0.01, 0.13]}}\n    "
 CELL = "load_cell: {driver: bota_serial, port: q, full_scale_n: 20"
 GRIPPER = "    gripper: {driver: simulated}\n"
@@ -63,6 +63,14 @@ BAD: list[tuple[str, tuple[str, ...], dict[str, str]]] = [
     (f"record --out @/r.mcap {NEAR} --cell a/*", ("--cell", "a/*"), {}),
     (f"record --out @/r.mcap {NEAR} --duration -1", ("--duration",), {}),
     ("dashboard", ("--connect", "missing"), {}),
+    (f"ros {NEAR} --domain 233", ("--domain",), {}),
+    (f"ros {NEAR} --rate 0 {ROUTED}", ("--rate",), {}),
+    (f"ros {NEAR} --accept-commands", ("--accept-commands", "Zenoh", "--zenoh"), {}),
+    (f"ros {NEAR} {ROUTED} --servo insertion=@/s", ("--servo", "--accept-commands"), {}),
+    (f"ros {NEAR} {ROUTED} --accept-commands --servo insertion", ("AXIS=SOCKET",), {}),
+    (f"ros {NEAR} {ROUTED}", ("tcp/127.0.0.1:9", "no router answers"), {}),
+    (f"ros {NEAR} --zenoh tcp/192.0.2.1:7447", ("outside this host", "--insecure"), {}),
+    ("ros --zenoh tcp/127.0.0.1:9", ("--connect",), {}),
     (f"dashboard {NEAR} --port 99999", ("--port",), {}),
     (f"dashboard {NEAR} --vessel @/v.yaml", ("v.yaml:2", "lumen_radius_mm"), {"v.yaml": VESSEL}),
     ("report @/none.mcap --out @/out", ("none.mcap", "No such file"), {}),

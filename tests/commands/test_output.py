@@ -31,7 +31,9 @@ ANSWERS = {
 """A command line -> the file of the document that it answers with `--json`, where it writes one."""
 WITH_DEVICES = {"calibrate load-cell", "calibrate stage"}
 """See tests/devices and tests/process: they need a device."""
-LASTING = {"demo", "home", "slave", "master", "router", "record", "metrics", "dashboard", "view", "simulate"}
+LASTING = {
+    "demo", "home", "slave", "master", "router", "record", "metrics", "ros", "dashboard", "view", "simulate",
+}  # fmt: skip
 """Without an answer: `--quiet` alone."""
 
 

@@ -1,0 +1,154 @@
+"""One table of ROS topics, named as by CRTK (crtk-robotics.readthedocs.io), and the messages for it."""
+
+import re
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from forefeel.common.bus import observed
+from forefeel.common.errors import CodecError
+from forefeel.common.messages import ForceSample, HapticSample, SafetyState, SlaveState
+from forefeel.common.topics import FORCE, HAPTICS, SLAVE_STATE, Topic, parse_key
+from forefeel.ros import messages as m
+
+_MOST_AXES = 32  # whose names come from the network
+_STALE_NS = int((SLAVE_STATE.stale_after_s or 0.5) * 1e9)
+_CRTK = {
+    SafetyState.IDLE: "DISABLED",
+    SafetyState.ESTOPPED: "PAUSED",  # powered, not to be moved, left by an explicit act alone
+    SafetyState.FAULT: "FAULT",
+}
+_MOVES = frozenset({SafetyState.ENGAGING, SafetyState.ARMED, SafetyState.STOPPING})
+
+Send = Callable[[bytes, int], None]
+"""Takes CDR bytes and their stamp in ns since 1970."""
+Take = Callable[[bytes, bytes], None]
+"""Gets CDR bytes and the number of who wrote them."""
+Advertise = Callable[[str, m.RosType], Send]
+"""Makes the publisher of a topic."""
+
+
+class RosTopic(NamedTuple):
+    """Row of the table. `encode` takes a message of `source`, a header and the axis; None: nothing to say."""
+
+    name: str
+    type: m.RosType
+    source: Topic[Any]
+    encode: Callable[[Any, m.Header, str], bytes | None]
+
+
+def _measured_js(sample: ForceSample, header: m.Header, axis: str) -> bytes:
+    return m.joint_state(header, axis, sample.position_m, sample.velocity_m_s)
+
+
+def _setpoint_js(sample: ForceSample, header: m.Header, axis: str) -> bytes | None:
+    return None if sample.setpoint_m is None else m.joint_state(header, axis, sample.setpoint_m)
+
+
+def _measured_cf(sample: ForceSample, header: m.Header, _axis: str) -> bytes | None:
+    return m.wrench_stamped(header, sample.force_n) if sample.valid else None
+
+
+def _predicted_cf(sample: HapticSample, header: m.Header, _axis: str) -> bytes | None:
+    return None if sample.predicted_n is None else m.wrench_stamped(header, sample.predicted_n)
+
+
+def _operating_state(state: SlaveState, header: m.Header, _axis: str) -> bytes:
+    homed = state.state is not SafetyState.FAULT  # a slave starts with a homed stage alone
+    return m.operating_state(header, _CRTK.get(state.state, "ENABLED"), homed, state.state in _MOVES)
+
+
+TABLE = (
+    RosTopic("measured_js", m.JOINT_STATE, FORCE, _measured_js),
+    RosTopic("setpoint_js", m.JOINT_STATE, FORCE, _setpoint_js),
+    RosTopic("body/measured_cf", m.WRENCH_STAMPED, FORCE, _measured_cf),
+    RosTopic("body/predicted_cf", m.WRENCH_STAMPED, HAPTICS, _predicted_cf),
+    RosTopic("operating_state", m.OPERATING_STATE, SLAVE_STATE, _operating_state),
+)
+STATE_COMMAND, SERVO_JP, DIAGNOSTICS = "state_command", "servo_jp", "/diagnostics"
+_SOURCES = {row.source.name for row in TABLE}
+
+
+def ros_name(cell: str, axis: str, topic: str) -> str:
+    """Name of a topic of an axis; what ROS allows in no name becomes `_`."""
+    words = (re.sub(r"\W", "_", word, flags=re.ASCII) for word in (cell, axis))
+    return "/" + "/".join((*(f"_{word}" if word[0].isdigit() else word for word in words), topic))
+
+
+class Feed:
+    """Turns what is received of a cell into ROS messages: of each topic of ours the first message in each
+    `period_ns` of its sender's clock, so that what arrives in batches keeps its rate and its stamps.
+
+    Attributes:
+        states: newest state of each axis, with its receive stamp.
+    """
+
+    def __init__(
+        self, cell: str, period_ns: int, epoch_ns: Callable[[int], int], advertise: Advertise
+    ) -> None:
+        """`epoch_ns`: turns a receive stamp into ns since 1970."""
+        self.states: dict[str, tuple[SlaveState, int]] = {}
+        self._cell, self._period_ns, self._epoch_ns, self._advertise = cell, period_ns, epoch_ns, advertise
+        self._rows: dict[str, list[tuple[RosTopic, Send]]] = {}
+        self._slots: dict[tuple[str, str], int] = {}  # of the newest message, by axis and topic of ours
+
+    @property
+    def axes(self) -> tuple[str, ...]:
+        return tuple(self._rows)
+
+    def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
+        """Sends the messages of a payload that are due, at the first one of an axis advertises its topics.
+        Ignores what can not be decoded, other topics, and axes beyond `_MOST_AXES`.
+        """
+        parsed = parse_key(key)
+        if parsed is None or parsed[2].name not in _SOURCES:
+            return
+        _, axis, topic = parsed
+        if axis not in self._rows:
+            if len(self._rows) == _MOST_AXES:
+                return
+            self._rows[axis] = [
+                (row, self._advertise(ros_name(self._cell, axis, row.name), row.type)) for row in TABLE
+            ]
+        try:
+            received = observed(topic, payload, receive_ns)
+        except CodecError:
+            return
+        for message, message_ns in received:
+            if isinstance(message, SlaveState):
+                self.states[axis] = message, message_ns
+            slot = message.stamp_ns // self._period_ns
+            if self._slots.get((axis, topic.name)) == slot:
+                continue
+            self._slots[axis, topic.name] = slot
+            stamp_ns = self._epoch_ns(message_ns)
+            header = m.Header(stamp_ns, f"{self._cell}/{axis}")
+            for row, send in self._rows[axis]:
+                encoded = row.encode(message, header, axis) if row.source.name == topic.name else None
+                if encoded is not None:
+                    send(encoded, stamp_ns)
+
+    def diagnostics(self, now_ns: int) -> bytes:
+        """DiagnosticArray with a status for each axis: error in FAULT and ESTOPPED, a warning above the force
+        limit or near a load, stale once no state has come for as long as a state is valid.
+        """
+        return m.diagnostic_array(
+            self._epoch_ns(now_ns),
+            [
+                _status(self._cell, axis, state, now_ns - receive_ns > _STALE_NS)
+                for axis, (state, receive_ns) in sorted(self.states.copy().items())
+            ],
+        )
+
+
+def _status(cell: str, axis: str, state: SlaveState, stale: bool) -> m.DiagnosticStatus:
+    stopped = state.state in {SafetyState.FAULT, SafetyState.ESTOPPED}
+    level = 3 if stale else 2 if stopped else int(state.over_limit or state.near_load is not None)
+    values = {
+        "state": state.state.value,
+        "stops": str(state.stops),
+        "slipped_m": f"{state.slipped_m:g}",
+        "near_load": state.near_load or "",
+        "caveats": "; ".join(state.caveats),
+        **{name: str(number) for name, number in sorted(state.counters.items())},
+    }
+    return m.DiagnosticStatus(level, f"forefeel: {cell}/{axis}", state.reason, cell, list(values.items()))

@@ -1,0 +1,124 @@
+"""ROS topics over Zenoh as rmw_zenoh_cpp lays them out: keys, liveliness tokens, attachments."""
+
+import struct
+from hashlib import blake2b
+from itertools import count
+
+import zenoh
+
+from forefeel.common.transport.settings import TransportSettings
+from forefeel.common.transport.zenoh_bus import open_session
+from forefeel.ros.messages import RosType
+from forefeel.ros.topics import Send, Take
+
+NODE = "forefeel"
+DEPTH = 10
+_NO_HASH = "TypeHashNotSupported"  # stands in Humble's keys
+_TRANSIENT_LOCAL = "1"  # RMW_QOS_POLICY_DURABILITY_TRANSIENT_LOCAL
+_QOS = f"::,{DEPTH}:,:,:,,"  # reliable and volatile, which are rmw_zenoh's defaults; keep last
+_MOST_TOKENS = 1024  # of a graph, that wait for a look
+
+
+class ZenohWire:
+    """A node of its own, a client of the router that rmw_zenoh's nodes use, for a router joins no two peers.
+
+    Attributes:
+        name: for a person.
+        notice: what the user must be told loudly about this session, or empty.
+    """
+
+    def __init__(self, endpoint: str, domain: int, humble: bool, insecure: bool) -> None:
+        """Raises EndpointError: no router answers, or the endpoint is outside this host without consent."""
+        settings = TransportSettings(mode="client", connect=(endpoint,))
+        self._session, self.notice = open_session(
+            settings, "client", None, insecure=insecure, real_stage=False
+        )
+        self.name = f"Zenoh ({endpoint})"
+        self._endpoint, self._domain, self._humble = endpoint, domain, humble
+        self._zid, self._ids = str(self._session.info.zid()), count(1)
+        self._topics: dict[str, str] = {}  # hash by mangled name
+        self._readers: set[str] = set()
+        self._told: set[str] = set()
+        self._kept: list[object] = []  # undeclared with the last reference
+        self._token("0/0/NN", "")
+        self._tokens = self._session.liveliness().declare_subscriber(
+            f"@ros2_lv/{domain}/*/*/*/MS/**", zenoh.handlers.RingChannel(_MOST_TOKENS), history=True
+        )
+
+    def publisher(self, topic: str, kind: RosType) -> Send:
+        """Declares a publisher with its token."""
+        mangled, type_hash = topic.replace("/", "%"), _NO_HASH if self._humble else kind.hash
+        self._topics[mangled] = type_hash
+        token = self._token(f"0/{next(self._ids)}/MP", f"/{mangled}/{kind.dds_name}/{type_hash}/{_QOS}")
+        # as rmw_zenoh: a reader that hangs holds up nobody
+        publisher = self._session.declare_publisher(
+            self._key(topic, kind, type_hash), congestion_control=zenoh.CongestionControl.DROP
+        )
+        gid, numbers = blake2b(token.encode(), digest_size=16).digest(), count(1)
+
+        def send(payload: bytes, stamp_ns: int) -> None:
+            attachment = struct.pack("<qqB", next(numbers), stamp_ns, len(gid)) + gid
+            publisher.put(payload, attachment=attachment)
+
+        return send
+
+    def subscribe(self, topic: str, kind: RosType, take: Take) -> None:
+        """Declares a subscriber with its token; `take` is called in a thread of Zenoh."""
+        type_hash = _NO_HASH if self._humble else kind.hash
+
+        def receive(sample: zenoh.Sample) -> None:
+            attachment = sample.attachment.to_bytes() if sample.attachment else b""
+            take(sample.payload.to_bytes(), attachment[17:])
+
+        self._kept.append(self._session.declare_subscriber(self._key(topic, kind, type_hash), receive))
+        mangled = topic.replace("/", "%")
+        self._token(f"0/{next(self._ids)}/MS", f"/{mangled}/{kind.dds_name}/{type_hash}/{_QOS}")
+
+    def readers(self) -> int:
+        """Number of subscriptions, in the whole graph, to topics of ours, with the type that we send."""
+        while (sample := self._tokens.try_recv()) is not None:
+            token = str(sample.key_expr)
+            if sample.kind == zenoh.SampleKind.DELETE:
+                self._readers.discard(token)
+            else:
+                self._readers.add(token)
+        return sum(self._topics.get(token.split("/")[9]) == token.split("/")[11] for token in self._readers)
+
+    def remarks(self) -> list[str]:
+        """Lines, each once, on readers that ask for more than they get."""
+        lines = []
+        for token in self._readers:
+            *_, node, topic, _, type_hash, qos = token.split("/")
+            name, expected = topic.replace("%", "/"), self._topics.get(topic)
+            if expected is None:
+                continue
+            if type_hash != expected:
+                humble = type_hash == _NO_HASH
+                advice = "expected --humble here" if humble else "its package defines another message"
+                lines.append(f"node {node} can not read {name}: type hash {type_hash}; {advice}")
+            elif qos.split(":")[1] == _TRANSIENT_LOCAL:
+                lines.append(f"node {node} asks {name} for transient local: it hears what comes from now on")
+        new = [line for line in lines if line not in self._told]
+        self._told.update(new)
+        return new
+
+    @property
+    def silence(self) -> str:
+        """Text on why nobody may be reading."""
+        if not self._session.info.transports():
+            return f"the router at {self._endpoint} is gone"
+        return (
+            f"no ROS node hears us over Zenoh: expected there RMW_IMPLEMENTATION=rmw_zenoh_cpp, "
+            f"ROS_DOMAIN_ID={self._domain}, and this router ({self._endpoint})"
+        )
+
+    def close(self) -> None:
+        self._session.close()  # type: ignore[no-untyped-call]
+
+    def _key(self, topic: str, kind: RosType, type_hash: str) -> str:
+        return f"{self._domain}{topic}/{kind.dds_name}/{type_hash}"
+
+    def _token(self, entity: str, of_topic: str) -> str:
+        key = f"@ros2_lv/{self._domain}/{self._zid}/{entity}/%/%/{NODE}{of_topic}"
+        self._kept.append(self._session.liveliness().declare_token(key))
+        return key

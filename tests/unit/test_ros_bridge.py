@@ -1,0 +1,312 @@
+"""What ROS nodes get of a cell, and what becomes of what they send."""
+
+import socket
+import sys
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Sequence
+from importlib import import_module
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from forefeel.common.clock import VirtualClock
+from forefeel.common.codec import encode, encode_batch
+from forefeel.common.messages import Message, SafetyState
+from forefeel.common.topics import FORCE, HAPTICS, SLAVE_STATE, Topic
+from forefeel.common.transport.memory import MemoryBus
+from forefeel.devices.servo.driver import POSITION
+from forefeel.estop.network import Stopper
+from forefeel.ros import messages as m
+from forefeel.ros.bridge import Commands, Node, Readers, RosOptions
+from forefeel.ros.topics import Feed, Send, Take, ros_name
+from tests.messages import haptics, usual
+from tests.network import Traffic
+from tests.unit.test_ros_messages import HEADER, decoded, servo
+
+MS, S = 1_000_000, 1_000_000_000
+EPOCH_NS = 1_764_000_000 * S
+RATE_HZ = 200.0
+
+
+class Wire:
+    """A wire that keeps what is sent: (bytes, stamp) by topic."""
+
+    name, notice, silence = "wire", "", "nobody reads"
+
+    def __init__(self) -> None:
+        self.sent: defaultdict[str, list[tuple[bytes, int]]] = defaultdict(list)
+        self.kinds: dict[str, m.RosType] = {}
+        self.takes: dict[str, Take] = {}
+        self.number, self.news = 0, list[str]()
+
+    def publisher(self, topic: str, kind: m.RosType) -> Send:
+        self.kinds[topic] = kind
+        return lambda payload, stamp_ns: self.sent[topic].append((payload, stamp_ns))
+
+    def subscribe(self, topic: str, kind: m.RosType, take: Take) -> None:
+        self.takes[topic] = take
+
+    def readers(self) -> int:
+        return self.number
+
+    def remarks(self) -> list[str]:
+        news, self.news = self.news, []
+        return news
+
+    def close(self) -> None: ...
+
+    def read(self, topic: str) -> list[dict[str, Any]]:
+        return [decoded(payload, self.kinds[topic]) for payload, _ in self.sent[topic]]
+
+
+def feed_of(wire: Wire, rate_hz: float = RATE_HZ) -> Feed:
+    return Feed("cathlab", int(1e9 / rate_hz), lambda stamp_ns: EPOCH_NS + stamp_ns, wire.publisher)
+
+
+def hear(feed: Feed, topic: Topic[Any], messages: Iterable[Message], receive_ns: int = S) -> None:
+    payloads = [encode(message) for message in messages]
+    payload = encode_batch(payloads) if topic.batched else payloads[0]
+    feed.hear(topic.key("cathlab", "insertion"), payload, receive_ns)
+
+
+def forces(first: int, number: int = 20, **changes: Any) -> list[Message]:  # noqa: ANN401 - any field
+    return [
+        usual(FORCE, sequence=i + 1, stamp_ns=i * MS, position_m=i * 1e-4, **changes)
+        for i in range(first, first + number)
+    ]
+
+
+def test_each_fifth_message_of_the_batches_goes_on_with_the_stamp_of_its_tick() -> None:
+    wire = Wire()
+    feed = feed_of(wire)
+    hear(feed, FORCE, forces(0, 19), S)
+    hear(feed, FORCE, forces(19, 21), S + 21 * MS)
+    stamps = [stamp_ns for _, stamp_ns in wire.sent["/cathlab/insertion/measured_js"]]
+    assert stamps == [EPOCH_NS + S + (i - 18) * MS for i in range(0, 40, 5)]
+    positions = [joint["position"][0] for joint in wire.read("/cathlab/insertion/measured_js")]
+    assert positions == pytest.approx([i * 1e-4 for i in range(0, 40, 5)])
+
+
+def test_the_topics_of_an_axis_are_those_of_crtk() -> None:
+    wire = Wire()
+    feed = feed_of(wire)
+    hear(feed, FORCE, forces(0, 1, setpoint_m=0.012, force_n=0.4, velocity_m_s=0.02))
+    hear(feed, HAPTICS, [haptics(1, 0, predicted_n=0.7, low_n=None, high_n=None)])
+    hear(feed, SLAVE_STATE, [usual(SLAVE_STATE)])
+    at = "/cathlab/insertion/"
+    (measured,), (setpoint,) = wire.read(f"{at}measured_js"), wire.read(f"{at}setpoint_js")
+    assert (measured["name"], measured["velocity"][0]) == (["insertion"], 0.02)
+    assert (setpoint["position"][0], len(setpoint["velocity"])) == (0.012, 0)
+    (force,), (predicted,) = wire.read(f"{at}body/measured_cf"), wire.read(f"{at}body/predicted_cf")
+    assert (force["wrench"]["force"]["z"], predicted["wrench"]["force"]["z"]) == (0.4, 0.7)
+    assert force["header"]["frame_id"] == "cathlab/insertion"
+    (state,) = wire.read(f"{at}operating_state")
+    assert (state["state"], state["is_homed"], state["is_busy"]) == ("ENABLED", True, True)
+
+
+def test_what_is_not_known_is_not_sent() -> None:
+    wire = Wire()
+    feed = feed_of(wire)
+    hear(feed, FORCE, forces(0, 1, valid=False))
+    hear(feed, HAPTICS, [haptics(1, 0, predicted_n=None, low_n=None, high_n=None)])
+    assert {topic for topic, sent in wire.sent.items() if sent} == {"/cathlab/insertion/measured_js"}
+
+
+@pytest.mark.parametrize(
+    ("state", "expected"),
+    [
+        (SafetyState.IDLE, ("DISABLED", True, False)),
+        (SafetyState.READY, ("ENABLED", True, False)),
+        (SafetyState.STOPPING, ("ENABLED", True, True)),
+        (SafetyState.ESTOPPED, ("PAUSED", True, False)),
+        (SafetyState.FAULT, ("FAULT", False, False)),
+    ],
+)
+def test_a_safety_state_is_one_of_crtk(state: SafetyState, expected: tuple[str, bool, bool]) -> None:
+    wire = Wire()
+    hear(feed_of(wire), SLAVE_STATE, [usual(SLAVE_STATE, state=state)])
+    (sent,) = wire.read("/cathlab/insertion/operating_state")
+    assert (sent["state"], sent["is_homed"], sent["is_busy"]) == expected
+
+
+@pytest.mark.parametrize(
+    ("changes", "age_ns", "level"),
+    [
+        ({}, 0, 0),
+        ({"over_limit": True}, 0, 1),
+        ({"near_load": "holding"}, 0, 1),
+        ({"state": SafetyState.ESTOPPED, "over_limit": True}, 0, 2),
+        ({"state": SafetyState.FAULT}, 501 * MS, 3),
+    ],
+)
+def test_diagnostics_say_the_worst(changes: dict[str, Any], age_ns: int, level: int) -> None:
+    feed = feed_of(Wire())
+    hear(feed, SLAVE_STATE, [usual(SLAVE_STATE, caveats=("no hardware: stage",), **changes)])
+    (status,) = decoded(feed.diagnostics(S + age_ns), m.DIAGNOSTIC_ARRAY)["status"]
+    assert (status["level"], status["name"], status["message"]) == (
+        level, "forefeel: cathlab/insertion", "ramp done",
+    )  # fmt: skip
+    values = {pair["key"]: pair["value"] for pair in status["values"]}
+    assert values["refused_late"] == "7" and values["caveats"] == "no hardware: stage"
+
+
+def test_names_are_what_ros_allows_and_axes_are_bounded() -> None:
+    assert ros_name("lab.2", "3rd-axis", "measured_js") == "/lab_2/_3rd_axis/measured_js"
+    wire = Wire()
+    feed = feed_of(wire)
+    for number in range(100):
+        feed.hear(SLAVE_STATE.key("cathlab", f"axis{number}"), encode(usual(SLAVE_STATE)), S)
+    feed.hear(FORCE.key("cathlab", "axis0"), b"\xff", S)
+    feed.hear("elsewhere/a/b/c", b"", S)
+    assert len(feed.axes) == 32 and not wire.sent["/cathlab/axis0/measured_js"]
+
+
+def test_a_wire_that_nobody_reads_is_named_after_5_s_and_each_minute(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    wire = Wire()
+    readers = Readers([wire], 0)
+    for second in range(121):
+        wire.number = int(70 <= second < 80)
+        wire.news = ["too much asked"] if second == 75 else []
+        readers.look(second * S)
+    lines = capsys.readouterr().err.splitlines()
+    assert lines == [*["ros: nobody reads"] * 2, "ros: too much asked", "ros: nobody reads"]  # at 5, 65, 84 s
+
+
+class Rig:
+    """Commands of a viewer of the cell `cathlab`, and what it puts on the bus."""
+
+    def __init__(self, servo: dict[str, Path]) -> None:
+        self.clock = VirtualClock(S)
+        bus = MemoryBus()
+        self.traffic = Traffic(bus.session(self.clock))
+        self.stopper = Stopper(bus.session(self.clock), "cathlab", (), "ros", "", listens=False)
+        self.commands = Commands(self.stopper, servo, self.clock)
+
+    def state(self, state: SafetyState) -> None:
+        payload = encode(usual(SLAVE_STATE, state=state))
+        self.stopper.hear(SLAVE_STATE.key("cathlab", "insertion"), payload, 0)
+
+    def stops(self) -> int:
+        return sum(key.endswith("any/estop") for key, _, _ in self.traffic.payloads)
+
+
+def test_a_pause_is_the_emergency_stop_until_it_is_confirmed() -> None:
+    rig = Rig({})
+    rig.state(SafetyState.ARMED)
+    rig.commands.repeat_stop(S)
+    assert rig.stops() == 0
+    rig.commands.state_command("insertion", m.string_stamped(HEADER, "pause"), b"")
+    for tick in range(10):
+        rig.commands.repeat_stop(S + tick * 20 * MS)
+        if tick == 4:
+            rig.state(SafetyState.ESTOPPED)
+    assert rig.stops() == 6
+    assert rig.stopper.reason == "ROS: state_command pause of insertion"
+
+
+def test_a_pause_that_nobody_confirms_ends_after_2_s() -> None:
+    rig = Rig({})
+    rig.state(SafetyState.ARMED)
+    rig.commands.state_command("insertion", m.string_stamped(HEADER, "pause"), b"")
+    for tick in range(200):
+        rig.commands.repeat_stop(S + tick * 20 * MS)
+    assert rig.stops() == 100
+
+
+@pytest.mark.parametrize("command", ["resume", "enable", "home", "", "Pause"])
+def test_every_other_state_command_is_refused(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    rig = Rig({})
+    rig.state(SafetyState.ARMED)
+    for _ in range(20):
+        rig.commands.state_command("insertion", m.string_stamped(HEADER, command), b"")
+    rig.commands.repeat_stop(S)
+    assert rig.stops() == 0
+    numbers = [
+        line.partition(" refused ")[2].partition(":")[0] for line in capsys.readouterr().err.splitlines()
+    ]
+    assert numbers == ["(1)", "(10)"]
+
+
+def test_a_servo_position_reaches_the_handle_of_its_axis_from_one_node_at_a_time(tmp_path: Path) -> None:
+    path = tmp_path / "servo.sock"
+    rig = Rig({"insertion": path})
+    rig.commands.servo_jp("insertion", servo([], [0.1], [], []), b"first")  # nobody there yet
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK) as handle:
+        handle.bind(str(path))
+        rig.commands.servo_jp("insertion", servo([], [0.2], [0.3], []), b"first")
+        rig.commands.servo_jp("insertion", servo([], [0.5], [], []), b"second")
+        rig.commands.servo_jp("insertion", b"", b"first")
+        rig.clock.set_ns(2 * S)
+        rig.commands.servo_jp("insertion", servo([], [0.4], [], []), b"second")
+        taken = [POSITION.unpack(handle.recv(64)) for _ in range(2)]
+        with pytest.raises(BlockingIOError):
+            handle.recv(64)
+    assert taken == [(S, 0.2, 0.3), (2 * S, 0.4, 0.0)]
+
+
+@pytest.mark.parametrize(
+    ("accepts", "servo", "topics"),
+    [
+        (False, {}, set()),
+        (True, {}, {"/cathlab/insertion/state_command"}),
+        (True, {"insertion": Path("s")}, {"/cathlab/insertion/state_command", "/cathlab/insertion/servo_jp"}),
+        (True, {"rotation": Path("s")}, {"/cathlab/insertion/state_command"}),
+    ],
+)
+def test_commands_are_taken_only_where_that_is_asked_for(
+    accepts: bool, servo: dict[str, Path], topics: set[str]
+) -> None:
+    wire, clock = Wire(), VirtualClock(S)
+    options = RosOptions(0, RATE_HZ, True, accept_commands=accepts, servo=servo)
+    stopper = Stopper(MemoryBus().session(clock), "cathlab", (), "ros", "", listens=False)
+    node = Node([wire], "cathlab", options, stopper, clock)
+    for _ in range(2):
+        node.hear(SLAVE_STATE.key("cathlab", "insertion"), encode(usual(SLAVE_STATE)), S)
+    assert wire.takes.keys() == topics
+    node.look(S)
+    assert len(wire.sent["/diagnostics"]) == node.sent["/diagnostics"] == 1
+
+
+class FakePublisher:
+    """Publisher of rosless with as many matched readers as `subscriber_count`."""
+
+    def __init__(self, topic: str, type_name: str, depth: int) -> None:
+        self.made, self.subscriber_count, self.payloads = (topic, type_name, depth), 0, list[bytes]()
+        self.send_payload, self.close = self.payloads.append, lambda: None
+
+
+def test_dds_counts_matched_readers_and_names_the_topic_of_one_that_asks_for_more(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    publishers: list[FakePublisher] = []
+    topics = [SimpleNamespace(name="/a/b/c", subscribers=0), SimpleNamespace(name="/other", subscribers=9)]
+
+    def advertise(topic: str, type_name: str, depth: int) -> FakePublisher:
+        publishers.append(FakePublisher(topic, type_name, depth))
+        return publishers[-1]
+
+    node = SimpleNamespace(advertise=advertise, graph=lambda: SimpleNamespace(topics=topics))
+    monkeypatch.setitem(sys.modules, "rosless", SimpleNamespace(Node=lambda domain: node))
+    monkeypatch.delitem(sys.modules, "forefeel.ros.dds_wire", raising=False)
+    wire = import_module("forefeel.ros.dds_wire").DdsWire(7)
+    del sys.modules["forefeel.ros.dds_wire"]
+    wire.publisher("/a/b/c", m.JOINT_STATE)(b"cdr", 1)
+    (publisher,) = publishers
+    assert (publisher.made, publisher.payloads) == (("/a/b/c", "sensor_msgs/msg/JointState", 10), [b"cdr"])
+    assert (wire.readers(), wire.remarks()) == (0, []) and "ROS_DOMAIN_ID=7" in wire.silence
+    topics[0].subscribers, publisher.subscriber_count = 2, 1
+    assert wire.readers() == 1
+    (remark,) = wire.remarks()
+    assert remark.startswith("a reader of /a/b/c asks for more") and wire.remarks() == []
+
+
+def test_without_the_extra_one_line_says_how_to_install_it(
+    monkeypatch: pytest.MonkeyPatch, run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "rosless", None)
+    assert run(["ros", "--connect", "tcp/127.0.0.1:9"]) == 2
+    assert capsys.readouterr().err == "forefeel: needs an extra: pip install 'forefeel[ros]'\n"
