@@ -17,7 +17,7 @@ REMOVE_ZIG := $(BIN)/python -m pip uninstall --quiet --disable-pip-version-check
 test system: export OPENBLAS_NUM_THREADS := 1
 demo test system: export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: help kernels demo test check docs bench hidden-effects system firmware fuzz sanitize format wheel lock clean
+.PHONY: help kernels demo test check docs bench hidden-effects system firmware ros fuzz sanitize format wheel lock clean
 
 help: ## what there is
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -103,6 +103,14 @@ sanitize: $(READY) ## address and undefined behaviour over the kernels' tests an
 	cd out/sanitize && export LD_PRELOAD="$(RUNTIME)" ASAN_OPTIONS=detect_leaks=0 && \
 	$(abspath $(BIN)/python) -m tests.random_kernel_calls 10000 1 && \
 	$(abspath $(BIN)/python) -m pytest -p no:cacheprovider $$(grep -lE 'common\.(kernels|estimation)' tests/unit/*.py tests/property/*.py)
+
+ROS := out/ros-peers
+ros: $(READY) ## by hand: what zenoh-ros2-sdk and rclpy (260 MB, in out/) hear of `forefeel ros` at 200 Hz for a minute
+	$(PIP) --editable '.[ros]'
+	$(PYTHON) -m venv $(ROS)
+	$(ROS)/bin/python -m pip install --quiet --disable-pip-version-check zenoh-ros2-sdk==0.1.8 \
+	ros-kilted-rclpy ros-kilted-rmw-fastrtps-cpp ros-kilted-sensor-msgs ros-kilted-geometry-msgs
+	$(BIN)/python -m tests.peers.ros_wires --python $(ROS)/bin/python
 
 format: $(READY) ## format the code
 	$(BIN)/ruff check --fix .

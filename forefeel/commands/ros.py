@@ -1,6 +1,5 @@
 """`forefeel ros`."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
@@ -44,8 +43,8 @@ def ros(  # noqa: PLR0913, PLR0917 - one parameter per option
         bool, typer.Option("--dds", help="For nodes of Fast DDS, Cyclone DDS; default without --zenoh.")
     ] = False,
     domain: Annotated[
-        int | None, typer.Option(min=0, max=_LAST_DOMAIN, help="Default ROS_DOMAIN_ID, else 0.")
-    ] = None,
+        int, typer.Option(envvar="ROS_DOMAIN_ID", min=0, max=_LAST_DOMAIN, help="Of the nodes.")
+    ] = 0,
     humble: Annotated[bool, typer.Option("--humble", help="For rmw_zenoh of Humble.")] = False,
     rate: Annotated[float, typer.Option(min=1, max=1000, metavar="HZ", help="Of each topic.")] = 200.0,
     accept_commands: Annotated[
@@ -73,19 +72,9 @@ def ros(  # noqa: PLR0913, PLR0917 - one parameter per option
         with extra("ros", "rosless"):
             import rosless  # noqa: F401, PLC0415 - an extra
     settings = observer(config, cell, connect or [], pki, through_router)
-    options = RosOptions(_domain(domain), rate, dds, zenoh, humble, accept_commands, sockets)
+    options = RosOptions(domain, rate, dds, zenoh, humble, accept_commands, sockets)
     with output(quiet=quiet):
         run_ros(settings, options, duration, insecure)
-
-
-def _domain(given: int | None) -> int:
-    """The domain given, or that of the environment. ConfigurationError: there it is none."""
-    if given is not None:
-        return given
-    text = os.environ.get("ROS_DOMAIN_ID", "").strip() or "0"
-    if not text.isdecimal() or int(text) > _LAST_DOMAIN:
-        raise ConfigurationError(f"ROS_DOMAIN_ID = {text!r}: expected 0 to {_LAST_DOMAIN}")
-    return int(text)
 
 
 def _sockets(given: list[str], accept_commands: bool) -> dict[str, Path]:

@@ -118,10 +118,6 @@ def operating_state(header: Header, state: str, is_homed: bool, is_busy: bool) -
     return _Writer(header).text(state).put("??", is_homed, is_busy).done()
 
 
-def string_stamped(header: Header, text: str) -> bytes:
-    return _Writer(header).text(text).done()
-
-
 def diagnostic_array(stamp_ns: int, statuses: Iterable[DiagnosticStatus]) -> bytes:
     listed = list(statuses)
     writer = _Writer(Header(stamp_ns, "")).put("I", len(listed))

@@ -23,7 +23,7 @@ from forefeel.ros.bridge import Commands, Node, Readers, RosOptions
 from forefeel.ros.topics import Feed, Send, Take, ros_name
 from tests.messages import haptics, usual
 from tests.network import Traffic
-from tests.unit.test_ros_messages import HEADER, decoded, servo
+from tests.unit.test_ros_messages import decoded, servo, string_stamped
 
 MS, S = 1_000_000, 1_000_000_000
 EPOCH_NS = 1_764_000_000 * S
@@ -199,7 +199,7 @@ def test_a_pause_is_the_emergency_stop_until_it_is_confirmed() -> None:
     rig.state(SafetyState.ARMED)
     rig.commands.repeat_stop(S)
     assert rig.stops() == 0
-    rig.commands.state_command("insertion", m.string_stamped(HEADER, "pause"), b"")
+    rig.commands.state_command("insertion", string_stamped("pause"), b"")
     for tick in range(10):
         rig.commands.repeat_stop(S + tick * 20 * MS)
         if tick == 4:
@@ -211,7 +211,7 @@ def test_a_pause_is_the_emergency_stop_until_it_is_confirmed() -> None:
 def test_a_pause_that_nobody_confirms_ends_after_2_s() -> None:
     rig = Rig({})
     rig.state(SafetyState.ARMED)
-    rig.commands.state_command("insertion", m.string_stamped(HEADER, "pause"), b"")
+    rig.commands.state_command("insertion", string_stamped("pause"), b"")
     for tick in range(200):
         rig.commands.repeat_stop(S + tick * 20 * MS)
     assert rig.stops() == 100
@@ -222,7 +222,7 @@ def test_every_other_state_command_is_refused(command: str, capsys: pytest.Captu
     rig = Rig({})
     rig.state(SafetyState.ARMED)
     for _ in range(20):
-        rig.commands.state_command("insertion", m.string_stamped(HEADER, command), b"")
+        rig.commands.state_command("insertion", string_stamped(command), b"")
     rig.commands.repeat_stop(S)
     assert rig.stops() == 0
     numbers = [

@@ -82,20 +82,25 @@ def test_lengths_of_texts_and_missing_values_move_what_follows_as_rosbags_does(
     assert [len(status["values"]) for status in array["status"]] == [0, 1, 2]
 
 
+def written(kind: m.RosType, *fields: Any) -> bytes:  # noqa: ANN401 - any field
+    """Message with a header as rosbags writes it."""
+    stamp = STORE.types["builtin_interfaces/msg/Time"](sec=1, nanosec=2)
+    header = STORE.types["std_msgs/msg/Header"](stamp=stamp, frame_id="abc")
+    return bytes(STORE.serialize_cdr(STORE.types[kind.name](header, *fields), kind.name))
+
+
 def servo(names: list[str], *sequences: list[float]) -> bytes:
-    """JointState as rosbags writes it."""
-    kinds = STORE.types
-    stamp = kinds["builtin_interfaces/msg/Time"](sec=1, nanosec=2)
-    header = kinds["std_msgs/msg/Header"](stamp=stamp, frame_id="abc")
-    values = [np.array(sequence, float) for sequence in sequences]
-    message = kinds[m.JOINT_STATE.name](header, names, *values)
-    return bytes(STORE.serialize_cdr(message, m.JOINT_STATE.name))
+    return written(m.JOINT_STATE, names, *(np.array(sequence, float) for sequence in sequences))
+
+
+def string_stamped(text: str) -> bytes:
+    return written(m.STRING_STAMPED, text)
 
 
 def test_commands_are_read() -> None:
     assert m.read_joint_state(servo(["insertion"], [0.3], [0.1], [])) == (0.3, 0.1)
     assert m.read_joint_state(servo([], [0.3], [], [])) == (0.3, 0.0)
-    assert m.read_string_stamped(m.string_stamped(HEADER, "pause")) == "pause"
+    assert m.read_string_stamped(string_stamped("pause")) == "pause"
 
 
 @pytest.mark.parametrize(
@@ -106,7 +111,7 @@ def test_commands_are_read() -> None:
         servo([], [0.3], [0.1, 0.2], []),
         servo(["a"], [0.3], [], [])[:40],
         b"\0\0" + servo([], [0.3], [], [])[2:],
-        m.string_stamped(HEADER, "x" * 5000),
+        string_stamped("x" * 5000),
         b"",
     ],
     ids=["two joints", "none", "two velocities", "cut", "big-endian", "long", "empty"],
