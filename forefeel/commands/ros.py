@@ -57,7 +57,7 @@ def ros(  # noqa: PLR0913, PLR0917 - one parameter per option
     duration: Duration = None,
     quiet: Quiet = False,
 ) -> None:
-    """Publishers are reliable, volatile and keep the last 10, so that readers of either reliability match. A
+    """Publishers are reliable, volatile and keep the last 100, so that readers of either reliability match. A
     reader that asks for transient local is named: over Zenoh it hears what comes from then on, over DDS
     nothing.
     """

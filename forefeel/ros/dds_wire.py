@@ -5,9 +5,7 @@ of doubles that is empty.
 import rosless
 
 from forefeel.ros.messages import RosType
-from forefeel.ros.topics import Send, Take
-
-DEPTH = 10
+from forefeel.ros.topics import DEPTH, Send, Take
 
 
 class DdsWire:

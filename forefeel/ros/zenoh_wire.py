@@ -9,10 +9,9 @@ import zenoh
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import open_session
 from forefeel.ros.messages import RosType
-from forefeel.ros.topics import Send, Take
+from forefeel.ros.topics import DEPTH, Send, Take
 
 NODE = "forefeel"
-DEPTH = 10
 _NO_HASH = "TypeHashNotSupported"  # stands in Humble's keys
 _TRANSIENT_LOCAL = "1"  # RMW_QOS_POLICY_DURABILITY_TRANSIENT_LOCAL
 _QOS = f"::,{DEPTH}:,:,:,,"  # reliable and volatile, which are rmw_zenoh's defaults; keep last
@@ -50,9 +49,10 @@ class ZenohWire:
         mangled, type_hash = topic.replace("/", "%"), _NO_HASH if self._humble else kind.hash
         self._topics[mangled] = type_hash
         token = self._token(f"0/{next(self._ids)}/MP", f"/{mangled}/{kind.dds_name}/{type_hash}/{_QOS}")
-        # as rmw_zenoh: a reader that hangs holds up nobody
         publisher = self._session.declare_publisher(
-            self._key(topic, kind, type_hash), congestion_control=zenoh.CongestionControl.DROP
+            self._key(topic, kind, type_hash),
+            congestion_control=zenoh.CongestionControl.DROP,  # a reader that hangs holds up nobody
+            priority=zenoh.Priority.INTERACTIVE_HIGH,  # its queue holds a burst, see `zenoh_config.FIXED`
         )
         gid, numbers = blake2b(token.encode(), digest_size=16).digest(), count(1)
 

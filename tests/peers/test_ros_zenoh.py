@@ -19,7 +19,7 @@ from tests.waiting import PATIENCE_S, wait_until
 TOPIC = "/cathlab/insertion/measured_js"
 HASH = "RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e"
 JOINT = "sensor_msgs::msg::dds_::JointState_"
-VOLATILE, TRANSIENT_LOCAL = "::,10:,:,:,,", ":1:,10:,:,:,,"
+VOLATILE, TRANSIENT_LOCAL = "::,100:,:,:,,", ":1:,10:,:,:,,"
 
 
 @pytest.fixture

@@ -296,7 +296,7 @@ def test_dds_counts_matched_readers_and_names_the_topic_of_one_that_asks_for_mor
     del sys.modules["forefeel.ros.dds_wire"]
     wire.publisher("/a/b/c", m.JOINT_STATE)(b"cdr", 1)
     (publisher,) = publishers
-    assert (publisher.made, publisher.payloads) == (("/a/b/c", "sensor_msgs/msg/JointState", 10), [b"cdr"])
+    assert (publisher.made, publisher.payloads) == (("/a/b/c", "sensor_msgs/msg/JointState", 100), [b"cdr"])
     assert (wire.readers(), wire.remarks()) == (0, []) and "ROS_DOMAIN_ID=7" in wire.silence
     topics[0].subscribers, publisher.subscriber_count = 2, 1
     assert wire.readers() == 1
