@@ -17,7 +17,7 @@ from forefeel.estop.network import EVERY_S, FOR_S, Stopper, all_stopped
 from forefeel.interrupt import signal_flag
 from forefeel.network_settings import ObserverSettings
 from forefeel.reachability import cell_watch
-from forefeel.ros.messages import (
+from forefeel.ros.cdr import (
     DIAGNOSTIC_ARRAY,
     JOINT_STATE,
     STRING_STAMPED,
@@ -25,7 +25,7 @@ from forefeel.ros.messages import (
     read_joint_state,
     read_string_stamped,
 )
-from forefeel.ros.topics import DIAGNOSTICS, SERVO_JP, STATE_COMMAND, Feed, Send, Take, ros_name
+from forefeel.ros.crtk import DIAGNOSTICS, SERVO_JP, STATE_COMMAND, RosFeed, Send, Take, ros_name
 from forefeel.ros.zenoh_wire import ZenohWire
 from forefeel.terminal import say
 
@@ -47,7 +47,7 @@ class RosOptions(NamedTuple):
     servo: Mapping[str, Path] = {}
 
 
-class Wire(Protocol):
+class RosWire(Protocol):
     """A way to ROS nodes; see `forefeel.ros.zenoh_wire`."""
 
     name: str
@@ -129,7 +129,7 @@ class Commands:
 class Readers:
     """Prints which wire nobody reads, 5 s after the start and each minute, and the remarks of the wires."""
 
-    def __init__(self, wires: Sequence[Wire], now_ns: int) -> None:
+    def __init__(self, wires: Sequence[RosWire], now_ns: int) -> None:
         self._due_ns = dict.fromkeys(wires, now_ns + _SILENCE_NS)
 
     def look(self, now_ns: int) -> None:
@@ -152,13 +152,13 @@ class Node:
     """
 
     def __init__(
-        self, wires: Sequence[Wire], cell: str, options: RosOptions, stopper: Stopper, clock: Clock
+        self, wires: Sequence[RosWire], cell: str, options: RosOptions, stopper: Stopper, clock: Clock
     ) -> None:
         self.sent: Counter[str] = Counter()
         self._wires, self._cell, self._options, self._stopper = wires, cell, options, stopper
         self._clock = clock
         self.commands = Commands(stopper, options.servo, clock)
-        self.feed = Feed(cell, int(1e9 / options.rate_hz), self._epoch_ns, self._advertise)
+        self.feed = RosFeed(cell, int(1e9 / options.rate_hz), self._epoch_ns, self._advertise)
         self._send_diagnostics = self._advertise(DIAGNOSTICS, DIAGNOSTIC_ARRAY)
         self._readers, self._due_ns = Readers(wires, clock.now_ns()), 0
 
@@ -204,9 +204,9 @@ class Node:
 
 
 @contextmanager
-def _opened(options: RosOptions, insecure: bool) -> Iterator[list[Wire]]:
+def _opened(options: RosOptions, insecure: bool) -> Iterator[list[RosWire]]:
     """Opens the wires that are asked for, and prints their notices; closes them at the end."""
-    wires: list[Wire] = []
+    wires: list[RosWire] = []
     try:
         if options.endpoint is not None:
             wires.append(ZenohWire(options.endpoint, options.domain, options.humble, insecure))

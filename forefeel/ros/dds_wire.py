@@ -4,8 +4,8 @@ of doubles that is empty.
 
 import rosless
 
-from forefeel.ros.messages import RosType
-from forefeel.ros.topics import DEPTH, Send, Take
+from forefeel.ros.cdr import RosType
+from forefeel.ros.crtk import DEPTH, Send, Take
 
 
 class DdsWire:

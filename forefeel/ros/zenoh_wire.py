@@ -8,8 +8,8 @@ import zenoh
 
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import open_session
-from forefeel.ros.messages import RosType
-from forefeel.ros.topics import DEPTH, Send, Take
+from forefeel.ros.cdr import RosType
+from forefeel.ros.crtk import DEPTH, Send, Take
 
 NODE = "forefeel"
 _NO_HASH = "TypeHashNotSupported"  # stands in Humble's keys

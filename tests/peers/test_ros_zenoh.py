@@ -9,11 +9,11 @@ from contextlib import closing
 import pytest
 import zenoh
 
-from forefeel.ros import messages as m
+from forefeel.ros import cdr
 from forefeel.ros.zenoh_wire import ZenohWire
 from tests.live_cell import free_port
 from tests.peers.ros_wires.__main__ import router
-from tests.unit.test_ros_messages import HEADER
+from tests.unit.test_ros_cdr import HEADER
 from tests.waiting import PATIENCE_S, wait_until
 
 TOPIC = "/cathlab/insertion/measured_js"
@@ -49,8 +49,8 @@ def test_keys_tokens_and_attachments_are_those_of_rmw_zenoh(
 ) -> None:
     samples = node.declare_subscriber(f"61{TOPIC}/{JOINT}/{type_hash}", zenoh.handlers.FifoChannel(10))
     with wire_at(port, humble) as wire:
-        send = wire.publisher(TOPIC, m.JOINT_STATE)
-        payload = m.joint_state(HEADER, "insertion", 0.1, 0.2)
+        send = wire.publisher(TOPIC, cdr.JOINT_STATE)
+        payload = cdr.joint_state(HEADER, "insertion", 0.1, 0.2)
         send(payload, HEADER.stamp_ns)
         wait_until(lambda: bool(send(payload, HEADER.stamp_ns) or samples.try_recv()), what="a sample")
         sample = samples.recv()
@@ -88,7 +88,7 @@ def test_readers_are_counted_and_told_what_they_do_not_get(
 ) -> None:
     before = reader(node, type_hash, qos)
     with wire_at(port) as wire:
-        wire.publisher(TOPIC, m.JOINT_STATE)
+        wire.publisher(TOPIC, cdr.JOINT_STATE)
         wait_until(lambda: bool(wire.readers() or wire._readers), what="the token")
         assert wire.readers() == number
         text = " ".join(wire.remarks())
@@ -101,7 +101,7 @@ def test_readers_are_counted_and_told_what_they_do_not_get(
 def test_commands_come_with_the_number_of_their_writer(port: int, node: zenoh.Session) -> None:
     taken: list[tuple[bytes, bytes]] = []
     with wire_at(port) as wire:
-        wire.subscribe("/a/b/servo_jp", m.JOINT_STATE, lambda *command: taken.append(command))
+        wire.subscribe("/a/b/servo_jp", cdr.JOINT_STATE, lambda *command: taken.append(command))
         attachment = struct.pack("<qqB16s", 1, 2, 16, b"g" * 16)
 
         def sent() -> bool:

@@ -18,12 +18,12 @@ from forefeel.common.topics import FORCE, HAPTICS, SLAVE_STATE, Topic
 from forefeel.common.transport.memory import MemoryBus
 from forefeel.devices.servo.driver import POSITION
 from forefeel.estop.network import Stopper
-from forefeel.ros import messages as m
+from forefeel.ros import cdr
 from forefeel.ros.bridge import Commands, Node, Readers, RosOptions
-from forefeel.ros.topics import Feed, Send, Take, ros_name
+from forefeel.ros.crtk import RosFeed, Send, Take, ros_name
 from tests.messages import haptics, usual
 from tests.network import Traffic
-from tests.unit.test_ros_messages import decoded, servo, string_stamped
+from tests.unit.test_ros_cdr import decoded, servo, string_stamped
 
 MS, S = 1_000_000, 1_000_000_000
 EPOCH_NS = 1_764_000_000 * S
@@ -37,15 +37,15 @@ class Wire:
 
     def __init__(self) -> None:
         self.sent: defaultdict[str, list[tuple[bytes, int]]] = defaultdict(list)
-        self.kinds: dict[str, m.RosType] = {}
+        self.kinds: dict[str, cdr.RosType] = {}
         self.takes: dict[str, Take] = {}
         self.number, self.news = 0, list[str]()
 
-    def publisher(self, topic: str, kind: m.RosType) -> Send:
+    def publisher(self, topic: str, kind: cdr.RosType) -> Send:
         self.kinds[topic] = kind
         return lambda payload, stamp_ns: self.sent[topic].append((payload, stamp_ns))
 
-    def subscribe(self, topic: str, kind: m.RosType, take: Take) -> None:
+    def subscribe(self, topic: str, kind: cdr.RosType, take: Take) -> None:
         self.takes[topic] = take
 
     def readers(self) -> int:
@@ -61,11 +61,11 @@ class Wire:
         return [decoded(payload, self.kinds[topic]) for payload, _ in self.sent[topic]]
 
 
-def feed_of(wire: Wire, rate_hz: float = RATE_HZ) -> Feed:
-    return Feed("cathlab", int(1e9 / rate_hz), lambda stamp_ns: EPOCH_NS + stamp_ns, wire.publisher)
+def feed_of(wire: Wire, rate_hz: float = RATE_HZ) -> RosFeed:
+    return RosFeed("cathlab", int(1e9 / rate_hz), lambda stamp_ns: EPOCH_NS + stamp_ns, wire.publisher)
 
 
-def hear(feed: Feed, topic: Topic[Any], messages: Iterable[Message], receive_ns: int = S) -> None:
+def hear(feed: RosFeed, topic: Topic[Any], messages: Iterable[Message], receive_ns: int = S) -> None:
     payloads = [encode(message) for message in messages]
     payload = encode_batch(payloads) if topic.batched else payloads[0]
     feed.hear(topic.key("cathlab", "insertion"), payload, receive_ns)
@@ -144,7 +144,7 @@ def test_a_safety_state_is_one_of_crtk(state: SafetyState, expected: tuple[str, 
 def test_diagnostics_say_the_worst(changes: dict[str, Any], age_ns: int, level: int) -> None:
     feed = feed_of(Wire())
     hear(feed, SLAVE_STATE, [usual(SLAVE_STATE, caveats=("no hardware: stage",), **changes)])
-    (status,) = decoded(feed.diagnostics(S + age_ns), m.DIAGNOSTIC_ARRAY)["status"]
+    (status,) = decoded(feed.diagnostics(S + age_ns), cdr.DIAGNOSTIC_ARRAY)["status"]
     assert (status["level"], status["name"], status["message"]) == (
         level, "forefeel: cathlab/insertion", "ramp done",
     )  # fmt: skip
@@ -294,7 +294,7 @@ def test_dds_counts_matched_readers_and_names_the_topic_of_one_that_asks_for_mor
     monkeypatch.delitem(sys.modules, "forefeel.ros.dds_wire", raising=False)
     wire = import_module("forefeel.ros.dds_wire").DdsWire(7)
     del sys.modules["forefeel.ros.dds_wire"]
-    wire.publisher("/a/b/c", m.JOINT_STATE)(b"cdr", 1)
+    wire.publisher("/a/b/c", cdr.JOINT_STATE)(b"cdr", 1)
     (publisher,) = publishers
     assert (publisher.made, publisher.payloads) == (("/a/b/c", "sensor_msgs/msg/JointState", 100), [b"cdr"])
     assert (wire.readers(), wire.remarks()) == (0, []) and "ROS_DOMAIN_ID=7" in wire.silence

@@ -9,8 +9,8 @@ from pathlib import Path
 from unittest.mock import patch
 
 from forefeel.__main__ import run
-from forefeel.ros.messages import RosType
-from forefeel.ros.topics import Advertise, Feed, Send
+from forefeel.ros.cdr import RosType
+from forefeel.ros.crtk import Advertise, RosFeed, Send
 from tests.peers.ros_wires import AXIS, CELL
 
 stamps: defaultdict[str, list[int]] = defaultdict(list)
@@ -32,15 +32,15 @@ def counted(advertise: Advertise) -> Advertise:
 
 
 def main() -> None:
-    out, begin = Path(sys.argv.pop(1)), Feed.__init__
+    out, begin = Path(sys.argv.pop(1)), RosFeed.__init__
 
     def begin_counted(
-        feed: Feed, cell: str, period_ns: int, epoch_ns: Callable[[int], int], advertise: Advertise
+        feed: RosFeed, cell: str, period_ns: int, epoch_ns: Callable[[int], int], advertise: Advertise
     ) -> None:
         begin(feed, cell, period_ns, epoch_ns, counted(advertise))
 
     atexit.register(lambda: out.write_text(json.dumps(stamps)))
-    with patch.object(Feed, "__init__", begin_counted):
+    with patch.object(RosFeed, "__init__", begin_counted):
         run()
 
 

@@ -8,7 +8,7 @@ from forefeel.common.bus import observed
 from forefeel.common.errors import CodecError
 from forefeel.common.messages import ForceSample, HapticSample, SafetyState, SlaveState
 from forefeel.common.topics import FORCE, HAPTICS, SLAVE_STATE, Topic, parse_key
-from forefeel.ros import messages as m
+from forefeel.ros import cdr
 
 _MOST_AXES = 32  # whose names come from the network
 _STALE_NS = int((SLAVE_STATE.stale_after_s or 0.5) * 1e9)
@@ -23,7 +23,7 @@ Send = Callable[[bytes, int], None]
 """Takes CDR bytes and their stamp in ns since 1970."""
 Take = Callable[[bytes, bytes], None]
 """Gets CDR bytes and the number of who wrote them."""
-Advertise = Callable[[str, m.RosType], Send]
+Advertise = Callable[[str, cdr.RosType], Send]
 """Makes the publisher of a topic."""
 
 
@@ -31,38 +31,38 @@ class RosTopic(NamedTuple):
     """Row of the table. `encode` takes a message of `source`, a header and the axis; None: nothing to say."""
 
     name: str
-    type: m.RosType
+    type: cdr.RosType
     source: Topic[Any]
-    encode: Callable[[Any, m.Header, str], bytes | None]
+    encode: Callable[[Any, cdr.RosHeader, str], bytes | None]
 
 
-def _measured_js(sample: ForceSample, header: m.Header, axis: str) -> bytes:
-    return m.joint_state(header, axis, sample.position_m, sample.velocity_m_s)
+def _measured_js(sample: ForceSample, header: cdr.RosHeader, axis: str) -> bytes:
+    return cdr.joint_state(header, axis, sample.position_m, sample.velocity_m_s)
 
 
-def _setpoint_js(sample: ForceSample, header: m.Header, axis: str) -> bytes | None:
-    return None if sample.setpoint_m is None else m.joint_state(header, axis, sample.setpoint_m)
+def _setpoint_js(sample: ForceSample, header: cdr.RosHeader, axis: str) -> bytes | None:
+    return None if sample.setpoint_m is None else cdr.joint_state(header, axis, sample.setpoint_m)
 
 
-def _measured_cf(sample: ForceSample, header: m.Header, _axis: str) -> bytes | None:
-    return m.wrench_stamped(header, sample.force_n) if sample.valid else None
+def _measured_cf(sample: ForceSample, header: cdr.RosHeader, _axis: str) -> bytes | None:
+    return cdr.wrench_stamped(header, sample.force_n) if sample.valid else None
 
 
-def _predicted_cf(sample: HapticSample, header: m.Header, _axis: str) -> bytes | None:
-    return None if sample.predicted_n is None else m.wrench_stamped(header, sample.predicted_n)
+def _predicted_cf(sample: HapticSample, header: cdr.RosHeader, _axis: str) -> bytes | None:
+    return None if sample.predicted_n is None else cdr.wrench_stamped(header, sample.predicted_n)
 
 
-def _operating_state(state: SlaveState, header: m.Header, _axis: str) -> bytes:
+def _operating_state(state: SlaveState, header: cdr.RosHeader, _axis: str) -> bytes:
     homed = state.state is not SafetyState.FAULT  # a slave starts with a homed stage alone
-    return m.operating_state(header, _CRTK.get(state.state, "ENABLED"), homed, state.state in _MOVES)
+    return cdr.operating_state(header, _CRTK.get(state.state, "ENABLED"), homed, state.state in _MOVES)
 
 
 TABLE = (
-    RosTopic("measured_js", m.JOINT_STATE, FORCE, _measured_js),
-    RosTopic("setpoint_js", m.JOINT_STATE, FORCE, _setpoint_js),
-    RosTopic("body/measured_cf", m.WRENCH_STAMPED, FORCE, _measured_cf),
-    RosTopic("body/predicted_cf", m.WRENCH_STAMPED, HAPTICS, _predicted_cf),
-    RosTopic("operating_state", m.OPERATING_STATE, SLAVE_STATE, _operating_state),
+    RosTopic("measured_js", cdr.JOINT_STATE, FORCE, _measured_js),
+    RosTopic("setpoint_js", cdr.JOINT_STATE, FORCE, _setpoint_js),
+    RosTopic("body/measured_cf", cdr.WRENCH_STAMPED, FORCE, _measured_cf),
+    RosTopic("body/predicted_cf", cdr.WRENCH_STAMPED, HAPTICS, _predicted_cf),
+    RosTopic("operating_state", cdr.OPERATING_STATE, SLAVE_STATE, _operating_state),
 )
 DEPTH = 100
 """Messages that a publisher keeps: 0.5 s of a topic. Of 10 a busy machine lost 0.5 % over DDS, in bursts."""
@@ -76,7 +76,7 @@ def ros_name(cell: str, axis: str, topic: str) -> str:
     return "/" + "/".join((*(f"_{word}" if word[0].isdigit() else word for word in words), topic))
 
 
-class Feed:
+class RosFeed:
     """Turns what is received of a cell into ROS messages: of each topic of ours the first message in each
     `period_ns` of its sender's clock, so that what arrives in batches keeps its rate and its stamps.
 
@@ -123,7 +123,7 @@ class Feed:
                 continue
             self._slots[axis, topic.name] = slot
             stamp_ns = self._epoch_ns(message_ns)
-            header = m.Header(stamp_ns, f"{self._cell}/{axis}")
+            header = cdr.RosHeader(stamp_ns, f"{self._cell}/{axis}")
             for row, send in self._rows[axis]:
                 encoded = row.encode(message, header, axis) if row.source.name == topic.name else None
                 if encoded is not None:
@@ -133,7 +133,7 @@ class Feed:
         """DiagnosticArray with a status for each axis: error in FAULT and ESTOPPED, a warning above the force
         limit or near a load, stale once no state has come for as long as a state is valid.
         """
-        return m.diagnostic_array(
+        return cdr.diagnostic_array(
             self._epoch_ns(now_ns),
             [
                 _status(self._cell, axis, state, now_ns - receive_ns > _STALE_NS)
@@ -142,7 +142,7 @@ class Feed:
         )
 
 
-def _status(cell: str, axis: str, state: SlaveState, stale: bool) -> m.DiagnosticStatus:
+def _status(cell: str, axis: str, state: SlaveState, stale: bool) -> cdr.DiagnosticStatus:
     stopped = state.state in {SafetyState.FAULT, SafetyState.ESTOPPED}
     level = 3 if stale else 2 if stopped else int(state.over_limit or state.near_load is not None)
     values = {
@@ -153,4 +153,4 @@ def _status(cell: str, axis: str, state: SlaveState, stale: bool) -> m.Diagnosti
         "caveats": "; ".join(state.caveats),
         **{name: str(number) for name, number in sorted(state.counters.items())},
     }
-    return m.DiagnosticStatus(level, f"forefeel: {cell}/{axis}", state.reason, cell, list(values.items()))
+    return cdr.DiagnosticStatus(level, f"forefeel: {cell}/{axis}", state.reason, cell, list(values.items()))

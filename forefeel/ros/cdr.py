@@ -48,7 +48,7 @@ STRING_STAMPED = RosType(
 )
 
 
-class Header(NamedTuple):
+class RosHeader(NamedTuple):
     """Header of std_msgs: ns since 1970, and the frame."""
 
     stamp_ns: int
@@ -79,7 +79,7 @@ def _text(text: str) -> bytes:
 
 
 class _Writer:
-    def __init__(self, header: Header) -> None:
+    def __init__(self, header: RosHeader) -> None:
         self._bytes = bytearray()
         seconds, nanoseconds = divmod(header.stamp_ns, _NS_PER_S)
         self.put("iI", seconds, nanoseconds).text(header.frame_id)
@@ -103,24 +103,24 @@ class _Writer:
         return _HEAD + self._bytes
 
 
-def wrench_stamped(header: Header, force_n: float) -> bytes:
+def wrench_stamped(header: RosHeader, force_n: float) -> bytes:
     """A force along z of the frame, without a torque."""
     return _Writer(header).put("dddddd", 0.0, 0.0, force_n, 0.0, 0.0, 0.0).done()
 
 
-def joint_state(header: Header, name: str, position: float, velocity: float | None = None) -> bytes:
+def joint_state(header: RosHeader, name: str, position: float, velocity: float | None = None) -> bytes:
     """State of one joint; what is not known is left out, as sensor_msgs asks."""
     writer = _Writer(header).put("I", 1).text(name).doubles((position,))
     return writer.doubles(() if velocity is None else (velocity,)).doubles(()).done()
 
 
-def operating_state(header: Header, state: str, is_homed: bool, is_busy: bool) -> bytes:
+def operating_state(header: RosHeader, state: str, is_homed: bool, is_busy: bool) -> bytes:
     return _Writer(header).text(state).put("??", is_homed, is_busy).done()
 
 
 def diagnostic_array(stamp_ns: int, statuses: Iterable[DiagnosticStatus]) -> bytes:
     listed = list(statuses)
-    writer = _Writer(Header(stamp_ns, "")).put("I", len(listed))
+    writer = _Writer(RosHeader(stamp_ns, "")).put("I", len(listed))
     for status in listed:
         writer.put("B", status.level).text(status.name).text(status.message).text(status.hardware_id)
         writer.put("I", len(status.values))

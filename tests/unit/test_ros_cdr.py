@@ -11,15 +11,15 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from forefeel.common.errors import CodecError
-from forefeel.ros import messages as m
+from forefeel.ros import cdr
 
 _ROS2 = [store for store in Stores if store.name.startswith("ROS2_")]
 DISTRIBUTIONS = _ROS2[_ROS2.index(Stores.ROS2_HUMBLE) :]
-HEADER = m.Header(1_764_345_678_123_456_789, "cathlab/insertion")
-TYPES = (m.WRENCH_STAMPED, m.JOINT_STATE, m.DIAGNOSTIC_ARRAY, m.OPERATING_STATE, m.STRING_STAMPED)
+HEADER = cdr.RosHeader(1_764_345_678_123_456_789, "cathlab/insertion")
+TYPES = (cdr.WRENCH_STAMPED, cdr.JOINT_STATE, cdr.DIAGNOSTIC_ARRAY, cdr.OPERATING_STATE, cdr.STRING_STAMPED)
 CRTK = {
-    m.OPERATING_STATE.name: "std_msgs/Header header\nstring state\nbool is_homed\nbool is_busy\n",
-    m.STRING_STAMPED.name: "std_msgs/Header header\nstring string\n",
+    cdr.OPERATING_STATE.name: "std_msgs/Header header\nstring state\nbool is_homed\nbool is_busy\n",
+    cdr.STRING_STAMPED.name: "std_msgs/Header header\nstring string\n",
 }
 """crtk_msgs/msg, which no distribution holds."""
 
@@ -34,7 +34,7 @@ def typestore(which: Stores) -> Typestore:
 STORE = typestore(Stores.LATEST)
 
 
-def decoded(payload: bytes, kind: m.RosType, store: Typestore = STORE) -> dict[str, Any]:
+def decoded(payload: bytes, kind: cdr.RosType, store: Typestore = STORE) -> dict[str, Any]:
     """Fields as rosbags reads them; the bytes are those that it writes of them."""
     message = store.deserialize_cdr(payload, kind.name)
     assert bytes(store.serialize_cdr(message, kind.name)) == payload
@@ -43,7 +43,7 @@ def decoded(payload: bytes, kind: m.RosType, store: Typestore = STORE) -> dict[s
 
 @pytest.mark.parametrize("which", DISTRIBUTIONS, ids=lambda which: which.name)
 @pytest.mark.parametrize("kind", TYPES, ids=lambda kind: kind.name.rpartition("/")[2])
-def test_name_and_hash_are_those_of_every_distribution(kind: m.RosType, which: Stores) -> None:
+def test_name_and_hash_are_those_of_every_distribution(kind: cdr.RosType, which: Stores) -> None:
     assert typestore(which).hash_rihs01(kind.name) == kind.hash
     package, _, name = kind.name.split("/")
     assert kind.dds_name == f"{package}::msg::dds_::{name}_"
@@ -52,13 +52,13 @@ def test_name_and_hash_are_those_of_every_distribution(kind: m.RosType, which: S
 @pytest.mark.parametrize("which", DISTRIBUTIONS, ids=lambda which: which.name)
 def test_a_joint_and_a_wrench_are_read_in_every_distribution(which: Stores) -> None:
     store = typestore(which)
-    joint = decoded(m.joint_state(HEADER, "insertion", 0.01, -0.2), m.JOINT_STATE, store)
+    joint = decoded(cdr.joint_state(HEADER, "insertion", 0.01, -0.2), cdr.JOINT_STATE, store)
     assert (joint["name"], *map(list, (joint["position"], joint["velocity"], joint["effort"]))) == (
         ["insertion"], [0.01], [-0.2], [],
     )  # fmt: skip
     assert joint["header"]["stamp"]["sec"] == 1_764_345_678
     assert joint["header"]["stamp"]["nanosec"] == 123_456_789
-    wrench = decoded(m.wrench_stamped(HEADER, 0.25), m.WRENCH_STAMPED, store)
+    wrench = decoded(cdr.wrench_stamped(HEADER, 0.25), cdr.WRENCH_STAMPED, store)
     assert wrench["header"]["frame_id"] == "cathlab/insertion"
     assert [wrench["wrench"]["force"][axis] for axis in "xyz"] == [0.0, 0.0, 0.25]
 
@@ -70,19 +70,21 @@ def test_a_joint_and_a_wrench_are_read_in_every_distribution(which: Stores) -> N
 def test_lengths_of_texts_and_missing_values_move_what_follows_as_rosbags_does(
     frame: str, name: str, state: str, position: float, velocity: float | None, flag: bool
 ) -> None:
-    header = m.Header(HEADER.stamp_ns, frame)
-    joint = decoded(m.joint_state(header, name, position, velocity), m.JOINT_STATE)
+    header = cdr.RosHeader(HEADER.stamp_ns, frame)
+    joint = decoded(cdr.joint_state(header, name, position, velocity), cdr.JOINT_STATE)
     assert joint["position"][0] == position
     assert list(joint["velocity"]) == ([] if velocity is None else [velocity])
-    operating = decoded(m.operating_state(header, state, flag, not flag), m.OPERATING_STATE)
+    operating = decoded(cdr.operating_state(header, state, flag, not flag), cdr.OPERATING_STATE)
     assert (operating["is_homed"], operating["is_busy"]) == (flag, not flag)
     assert operating["state"] == state.replace("\0", "?")
-    statuses = [m.DiagnosticStatus(level, name, state, frame, [(name, state)] * level) for level in range(3)]
-    array = decoded(m.diagnostic_array(HEADER.stamp_ns, statuses), m.DIAGNOSTIC_ARRAY)
+    statuses = [
+        cdr.DiagnosticStatus(level, name, state, frame, [(name, state)] * level) for level in range(3)
+    ]
+    array = decoded(cdr.diagnostic_array(HEADER.stamp_ns, statuses), cdr.DIAGNOSTIC_ARRAY)
     assert [len(status["values"]) for status in array["status"]] == [0, 1, 2]
 
 
-def written(kind: m.RosType, *fields: Any) -> bytes:  # noqa: ANN401 - any field
+def written(kind: cdr.RosType, *fields: Any) -> bytes:  # noqa: ANN401 - any field
     """Message with a header as rosbags writes it."""
     stamp = STORE.types["builtin_interfaces/msg/Time"](sec=1, nanosec=2)
     header = STORE.types["std_msgs/msg/Header"](stamp=stamp, frame_id="abc")
@@ -90,17 +92,17 @@ def written(kind: m.RosType, *fields: Any) -> bytes:  # noqa: ANN401 - any field
 
 
 def servo(names: list[str], *sequences: list[float]) -> bytes:
-    return written(m.JOINT_STATE, names, *(np.array(sequence, float) for sequence in sequences))
+    return written(cdr.JOINT_STATE, names, *(np.array(sequence, float) for sequence in sequences))
 
 
 def string_stamped(text: str) -> bytes:
-    return written(m.STRING_STAMPED, text)
+    return written(cdr.STRING_STAMPED, text)
 
 
 def test_commands_are_read() -> None:
-    assert m.read_joint_state(servo(["insertion"], [0.3], [0.1], [])) == (0.3, 0.1)
-    assert m.read_joint_state(servo([], [0.3], [], [])) == (0.3, 0.0)
-    assert m.read_string_stamped(string_stamped("pause")) == "pause"
+    assert cdr.read_joint_state(servo(["insertion"], [0.3], [0.1], [])) == (0.3, 0.1)
+    assert cdr.read_joint_state(servo([], [0.3], [], [])) == (0.3, 0.0)
+    assert cdr.read_string_stamped(string_stamped("pause")) == "pause"
 
 
 @pytest.mark.parametrize(
@@ -118,12 +120,12 @@ def test_commands_are_read() -> None:
 )
 def test_what_is_no_position_of_one_joint_is_refused(payload: bytes) -> None:
     with pytest.raises(CodecError):
-        m.read_joint_state(payload)
+        cdr.read_joint_state(payload)
 
 
 @given(tail=st.binary(max_size=120))
 def test_any_bytes_are_a_command_or_refused(tail: bytes) -> None:
-    for read in m.read_joint_state, m.read_string_stamped:
+    for read in cdr.read_joint_state, cdr.read_string_stamped:
         try:
             read(b"\0\1\0\0" + tail)
         except CodecError as error:
