@@ -27,7 +27,7 @@ from forefeel.ros.cdr import (
 )
 from forefeel.ros.crtk import DIAGNOSTICS, SERVO_JP, STATE_COMMAND, RosFeed, Send, Take, ros_name
 from forefeel.ros.zenoh_wire import ZenohWire
-from forefeel.terminal import say
+from forefeel.terminal import ask, say
 
 _LOOK_NS = 1_000_000_000  # between two looks at the readers, and two diagnostics
 _SILENCE_NS = 5_000_000_000  # without a reader before it is said
@@ -67,7 +67,7 @@ class Commands:
     """Commands of ROS nodes: `pause` is the emergency stop of the cell, `servo_jp` the hand at a handle.
 
     Attributes:
-        stop_until_ns: until when the stop is repeated, unless every axis confirms it before.
+        stop_until_ns: until when a stop is repeated, unless every axis confirms it before; 0: none is wanted.
     """
 
     def __init__(self, stopper: Stopper, servo: Mapping[str, Path], clock: Clock) -> None:
@@ -88,15 +88,22 @@ class Commands:
         now_ns = self._clock.now_ns()
         self.stop_until_ns = now_ns + int(FOR_S * 1e9)
         self._stopper.reason = f"ROS: {STATE_COMMAND} pause of {axis}"
-        say(f"ros: {axis}: pause: the cell stops; latched until `forefeel clear` on the slave's host")
+        say(f"ros: {axis}: pause: the cell stops")
 
     def repeat_stop(self, now_ns: int) -> None:
-        """Publishes the stop as long as it is wanted; to be called every `EVERY_S`."""
-        if now_ns >= self.stop_until_ns:
+        """Publishes a stop that is wanted, and prints its outcome; to be called every `EVERY_S`."""
+        if not self.stop_until_ns:
             return
         self._stopper.say(now_ns)
-        if all_stopped(self._stopper.outcome()):
-            self.stop_until_ns = 0
+        outcome = self._stopper.outcome()
+        states = ", ".join(f"{axis} {state}" for axis, state in outcome.items()) or "no slave heard"
+        if all_stopped(outcome):
+            say(f"ros: stopped: {states}; latched until `forefeel clear` on the slave's host")
+        elif now_ns >= self.stop_until_ns:
+            ask(f"ros: STOP NOT CONFIRMED ({states}): USE THE STOP OF THE MACHINE ITSELF")
+        else:
+            return
+        self.stop_until_ns = 0
 
     def servo_jp(self, axis: str, payload: bytes, writer: bytes) -> None:
         """Hands a position on to the socket of the axis' handle. Of two nodes the first one moves the hand,

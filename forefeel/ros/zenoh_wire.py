@@ -15,7 +15,7 @@ NODE = "forefeel"
 _NO_HASH = "TypeHashNotSupported"  # stands in Humble's keys
 _TRANSIENT_LOCAL = "1"  # RMW_QOS_POLICY_DURABILITY_TRANSIENT_LOCAL
 _QOS = f"::,{DEPTH}:,:,:,,"  # reliable and volatile, which are rmw_zenoh's defaults; keep last
-_MOST_TOKENS = 1024  # of a graph, that wait for a look
+_MOST_TOKENS = 1024  # of a graph, whose nodes are strangers
 
 
 class ZenohWire:
@@ -41,7 +41,9 @@ class ZenohWire:
         self._kept: list[object] = []  # undeclared with the last reference
         self._token("0/0/NN", "")
         self._tokens = self._session.liveliness().declare_subscriber(
-            f"@ros2_lv/{domain}/*/*/*/MS/**", zenoh.handlers.RingChannel(_MOST_TOKENS), history=True
+            f"@ros2_lv/{domain}/*/*/*/MS/*/*/*/*/*/*/*",
+            zenoh.handlers.RingChannel(_MOST_TOKENS),
+            history=True,
         )
 
     def publisher(self, topic: str, kind: RosType) -> Send:
@@ -80,7 +82,7 @@ class ZenohWire:
             token = str(sample.key_expr)
             if sample.kind == zenoh.SampleKind.DELETE:
                 self._readers.discard(token)
-            else:
+            elif len(self._readers) < _MOST_TOKENS:
                 self._readers.add(token)
         return sum(self._topics.get(token.split("/")[9]) == token.split("/")[11] for token in self._readers)
 
@@ -96,9 +98,9 @@ class ZenohWire:
                 humble = type_hash == _NO_HASH
                 advice = "expected --humble here" if humble else "its package defines another message"
                 lines.append(f"node {node} can not read {name}: type hash {type_hash}; {advice}")
-            elif qos.split(":")[1] == _TRANSIENT_LOCAL:
+            elif qos.partition(":")[2].startswith(_TRANSIENT_LOCAL):
                 lines.append(f"node {node} asks {name} for transient local: it hears what comes from now on")
-        new = [line for line in lines if line not in self._told]
+        new = [line for line in lines if line not in self._told and len(self._told) < _MOST_TOKENS]
         self._told.update(new)
         return new
 

@@ -12,7 +12,7 @@ import zenoh
 from forefeel.ros import cdr
 from forefeel.ros.zenoh_wire import ZenohWire
 from tests.live_cell import free_port
-from tests.peers.ros_wires.__main__ import router
+from tests.peers.ros_wires.router import router
 from tests.unit.test_ros_cdr import HEADER
 from tests.waiting import PATIENCE_S, wait_until
 
@@ -94,6 +94,12 @@ def test_readers_are_counted_and_told_what_they_do_not_get(
         text = " ".join(wire.remarks())
         assert all(remark in text for remark in remarks) and bool(text) is bool(remarks)
         assert wire.remarks() == []
+        odd = [
+            node.liveliness().declare_token(f"@ros2_lv/61/a/0/1/MS{tail}") for tail in ("", "/%/%/n/%t/T/h/q")
+        ]
+        wait_until(lambda: bool(wire.readers() == number and len(wire._readers) == 2), what="an odd token")
+        assert wire.remarks() == [] and len(odd) == 2
+        odd.clear()
         before.undeclare()  # type: ignore[no-untyped-call]
         wait_until(lambda: not wire.readers() and not wire._readers, what="the end of the token")
 

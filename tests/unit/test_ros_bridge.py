@@ -194,7 +194,7 @@ class Rig:
         return sum(key.endswith("any/estop") for key, _, _ in self.traffic.payloads)
 
 
-def test_a_pause_is_the_emergency_stop_until_it_is_confirmed() -> None:
+def test_a_pause_is_the_emergency_stop_until_it_is_confirmed(capsys: pytest.CaptureFixture[str]) -> None:
     rig = Rig({})
     rig.state(SafetyState.ARMED)
     rig.commands.repeat_stop(S)
@@ -206,15 +206,24 @@ def test_a_pause_is_the_emergency_stop_until_it_is_confirmed() -> None:
             rig.state(SafetyState.ESTOPPED)
     assert rig.stops() == 6
     assert rig.stopper.reason == "ROS: state_command pause of insertion"
+    assert "stopped: insertion estopped" in capsys.readouterr().err
 
 
-def test_a_pause_that_nobody_confirms_ends_after_2_s() -> None:
+@pytest.mark.parametrize(
+    ("states", "stops", "says"), [([SafetyState.ARMED], 101, "armed"), ([], 0, "no slave")]
+)
+def test_a_pause_that_nobody_confirms_is_told_after_2_s(
+    states: list[SafetyState], stops: int, says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     rig = Rig({})
-    rig.state(SafetyState.ARMED)
+    for state in states:
+        rig.state(state)
     rig.commands.state_command("insertion", string_stamped("pause"), b"")
     for tick in range(200):
         rig.commands.repeat_stop(S + tick * 20 * MS)
-    assert rig.stops() == 100
+    assert rig.stops() == stops
+    _, line = capsys.readouterr().err.splitlines()
+    assert "NOT CONFIRMED" in line and says in line
 
 
 @pytest.mark.parametrize("command", ["resume", "enable", "home", "", "Pause"])

@@ -11,24 +11,14 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import zenoh
-
 from tests.live_cell import ROOT, LiveCell, free_port
 from tests.peers.ros_wires import DOMAIN, TOPICS
+from tests.peers.ros_wires.router import router
 from tests.waiting import wait_until
 
 _SETTLED_S = 8.0
 """Before the window: DDS finds its readers, who are told of a publisher when its axis is first heard."""
 READERS = {"zenoh-ros2-sdk": "zenoh_reader.py", "rclpy over DDS": "rclpy_reader.py"}
-
-
-def router(port: int) -> zenoh.Session:
-    """A router as rmw_zenohd is one."""
-    config = zenoh.Config()
-    fixed = {"mode": "router", "listen/endpoints": [f"tcp/127.0.0.1:{port}"]}
-    for key, value in {**fixed, "scouting/multicast/enabled": False}.items():
-        config.insert_json5(key, json.dumps(value))
-    return zenoh.open(config)
 
 
 def processor_s(pid: int) -> float:
@@ -54,9 +44,9 @@ def measured(folder: Path, python: str, seconds: float) -> tuple[float, tuple[in
             words = [python, str(Path(__file__).parent / script), str(folder / f"{name}.json"), str(port)]
             path = folder / f"{name}.log"
             log = stack.enter_context(path.open("w"))
-            readers.append(
-                subprocess.Popen(words, stdin=subprocess.PIPE, stdout=log, stderr=log, env=environment)
-            )
+            reader = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=log, stderr=log, env=environment)
+            stack.callback(reader.kill)
+            readers.append(reader)
             wait_until(partial(_listens, path), what=name)
         cell.pair()
         ends = "--connect", cell.endpoint, "--connect", cell.master_endpoint
