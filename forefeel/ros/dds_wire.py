@@ -22,7 +22,7 @@ class DdsWire:
     def __init__(self, domain: int) -> None:
         self._node, self._domain = rosless.Node(domain=domain), domain
         self._publishers: dict[str, rosless.Publisher] = {}
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
 
     def publisher(self, topic: str, kind: RosType) -> Send:
         """Declares a publisher: reliable, volatile, keep last."""
@@ -41,8 +41,8 @@ class DdsWire:
         for topic in self._node.graph().topics:
             publisher = self._publishers.get(topic.name)
             refused = publisher is not None and topic.subscribers > publisher.subscriber_count
-            if refused and topic.name not in self._told:
-                self._told.add(topic.name)
+            if refused and topic.name not in self._reported:
+                self._reported.add(topic.name)
                 lines.append(
                     f"a reader of {topic.name} asks for more than reliable and volatile: it hears nothing"
                 )

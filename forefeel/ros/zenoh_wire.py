@@ -37,8 +37,8 @@ class ZenohWire:
         self._zid, self._ids = str(self._session.info.zid()), count(1)
         self._topics: dict[str, str] = {}  # hash by mangled name
         self._readers: set[str] = set()
-        self._told: set[str] = set()
-        self._kept: list[object] = []  # undeclared with the last reference
+        self._reported: set[str] = set()
+        self._declared: list[object] = []  # undeclared with the last reference
         self._token("0/0/NN", "")
         self._tokens = self._session.liveliness().declare_subscriber(
             f"@ros2_lv/{domain}/*/*/*/MS/*/*/*/*/*/*/*",
@@ -72,7 +72,7 @@ class ZenohWire:
             attachment = sample.attachment.to_bytes() if sample.attachment else b""
             take(sample.payload.to_bytes(), attachment[17:])
 
-        self._kept.append(self._session.declare_subscriber(self._key(topic, kind, type_hash), receive))
+        self._declared.append(self._session.declare_subscriber(self._key(topic, kind, type_hash), receive))
         mangled = topic.replace("/", "%")
         self._token(f"0/{next(self._ids)}/MS", f"/{mangled}/{kind.dds_name}/{type_hash}/{_QOS}")
 
@@ -100,8 +100,8 @@ class ZenohWire:
                 lines.append(f"node {node} can not read {name}: type hash {type_hash}; {advice}")
             elif qos.partition(":")[2].startswith(_TRANSIENT_LOCAL):
                 lines.append(f"node {node} asks {name} for transient local: it hears what comes from now on")
-        new = [line for line in lines if line not in self._told and len(self._told) < _MOST_TOKENS]
-        self._told.update(new)
+        new = [line for line in lines if line not in self._reported and len(self._reported) < _MOST_TOKENS]
+        self._reported.update(new)
         return new
 
     @property
@@ -122,5 +122,5 @@ class ZenohWire:
 
     def _token(self, entity: str, of_topic: str) -> str:
         key = f"@ros2_lv/{self._domain}/{self._zid}/{entity}/%/%/{NODE}{of_topic}"
-        self._kept.append(self._session.liveliness().declare_token(key))
+        self._declared.append(self._session.liveliness().declare_token(key))
         return key

@@ -85,12 +85,13 @@ class ServoHandle:
         return within(self._position_m + self._velocity_m_s * duration_s, MOST_POSITION_M)
 
     def _take(self, data: bytes, now_ns: int) -> None:
-        """Keeps a position that is newer than the last; counts what is none, or of no hand."""
+        """Keeps a position that is not older than the last; counts what is none, or of no hand."""
         self.counters["positions"] += 1
         if len(data) == POSITION.size:
             stamp_ns, position_m, velocity_m_s = POSITION.unpack(data)
+            stamp_ns = min(stamp_ns, now_ns)  # it may come after the tick has begun
             possible = abs(position_m) <= MOST_POSITION_M and abs(velocity_m_s) <= MOST_VELOCITY_M_S
-            if possible and (self._stamp_ns or 0) < stamp_ns <= now_ns:
+            if possible and stamp_ns >= (self._stamp_ns or 0):
                 self._stamp_ns, self._position_m, self._velocity_m_s = stamp_ns, position_m, velocity_m_s
                 return
         self.counters["malformed"] += 1
