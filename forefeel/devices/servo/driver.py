@@ -32,7 +32,7 @@ class ServoHandle:
     """
 
     finished = pressed_anew = False
-    clutched_out_s = 0.0
+    clutched_out_s = actuator_delay_s = 0.0
 
     def __init__(self, path: Path, stale_s: float) -> None:
         self.counters: Counter[str] = Counter(positions=0, malformed=0)
