@@ -2,11 +2,13 @@
 
 import ctypes
 import shutil
+import struct
 import subprocess
 from collections import Counter
 from pathlib import Path
 
 import pytest
+from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -21,6 +23,7 @@ from forefeel.devices.coil.protocol import (
     CoilState,
     Flag,
     Identify,
+    crc_ccitt_false,
     encode,
 )
 
@@ -50,6 +53,8 @@ uint16_t board_sense(void) { return 0; }
 void board_drive(bool negative, uint16_t ma) { driven_ma = negative ? -ma : ma; }
 void board_lamp(bool lit) { (void)lit; }
 """
+WARNINGS = "-Wall", "-Wextra", "-Werror"
+TRAPS = "-fsanitize=bounds", "-fsanitize-undefined-trap-on-error"  # needs no library of the compiler's
 I16, U16 = st.integers(-(2**15) + 1, 2**15 - 1), st.integers(0, 2**16 - 1)
 CURRENTS = st.integers(-1500, 1500) | I16
 
@@ -61,17 +66,7 @@ class Chip:
         (folder / "board.c").write_text(BOARD)
         defined = [f"-D{name}={value}" for name, value in CONSTANTS.items()]
         sources = str(FOLDER / "handle.c"), str(folder / "board.c")
-        command = [
-            "cc",
-            "-std=c11",
-            "-fPIC",
-            "-shared",
-            "-Wall",
-            "-Wextra",
-            "-Werror",
-            f"-I{FOLDER}",
-            *defined,
-        ]
+        command = ["cc", "-std=c11", "-fPIC", "-shared", *WARNINGS, *TRAPS, f"-I{FOLDER}", *defined]
         subprocess.run([*command, *sources, "-o", str(folder / "chip.so")], check=True)
         self.library = ctypes.CDLL(str(folder / "chip.so"))
         self.counts = 0
@@ -161,6 +156,22 @@ def test_noise_does_nothing_and_costs_no_frame_after_it(chip: Chip, noise: list[
     assert chip.number("driven_ma") == 500
     chip.take(encode(CoilCommand(2, -700, None, None, True)))
     assert chip.number("driven_ma") == -700
+
+
+@pytest.mark.parametrize(
+    "payload",
+    [
+        b"\x02" + struct.pack("<HhBiB", 1, 500, 8, 0, 1),  # an unknown lamp
+        b"\x02" + struct.pack("<HhBi", 1, 500, 4, 0),
+        b"\x03" + struct.pack("<BHHB", PROTOCOL, 20, 1000, 0),
+        b"\x05" + struct.pack("<HhBiB", 1, 500, 4, 0, 1),
+    ],
+)
+def test_frame_of_other_content_does_nothing_though_its_checksum_is_right(chip: Chip, payload: bytes) -> None:
+    chip.take(encode(Identify(PROTOCOL, 65_000, 1000)) + encode(CoilCommand(1, 300, None, None, True)))
+    wire = cobs.encode(payload + crc_ccitt_false(payload).to_bytes(2, "little")) + b"\0"
+    assert chip.take(wire) == b""
+    assert chip.number("driven_ma") == 300
 
 
 def decoded(data: bytes) -> CoilState:
