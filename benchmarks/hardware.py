@@ -59,8 +59,8 @@ from tests.emulators.damage import DamagedWire, Faults
 
 _FRAMES, _DAMAGED = 100_000, 0.01  # frames, and the share of them with one wrong byte
 _PRIORITY = 50  # SCHED_FIFO of the CAN processes, as `realtime.priority` by default
-# bit/s: the defaults of the drivers' settings, but the coil's, which is 500,000
-_ZABER_BAUD, _BOTA_BAUD, _COIL_BAUD = 115_200, 460_800, 2_000_000
+# bit/s: the defaults of the drivers' settings
+_ZABER_BAUD, _BOTA_BAUD, _COIL_BAUD = 115_200, 460_800, 500_000
 _BOTA_HZ, _CAN_HZ = 800.0, 250  # the defaults of their rates
 _DRIVE, _CELL = 5, 6  # CANopen nodes, arbitrary
 _STARTS_S = 3.0  # s in which the CAN devices have imported what they need
