@@ -26,6 +26,7 @@ M = TypeVar("M", bound=Message)
 _set = object.__setattr__
 _RULES = "ge", "le", "min_length", "max_length", "pattern"
 _ARRAY = b"\xdd"  # of msgpack, with 32 bits of length
+_RAW = msgspec.msgpack.Decoder(Annotated[list[msgspec.Raw], msgspec.Meta(max_length=MOST_BATCHED)])
 _REFUSED = (msgspec.DecodeError, ValueError, RecursionError)
 
 
@@ -56,8 +57,9 @@ def encode_batch(payloads: list[bytes]) -> bytes:
     return _ARRAY + size.to_bytes(4, "big") + b"".join(payloads)
 
 
-def decode_batch(kind: type[M], payload: bytes) -> list[M]:
-    """Messages of type `kind` that a batch holds, at most `MOST_BATCHED`, or the one that stands alone.
+def decode_batch(kind: type[M], payload: bytes, step: int = 1) -> list[M]:
+    """Messages of type `kind` that a batch holds, at most `MOST_BATCHED`, or the one that stands alone. With
+    `step` the last one and each so many before it, which costs that much less; the others may be anything.
 
     Raises:
         CodecError: one of them is no message of that type or protocol version, or there are more.
@@ -65,6 +67,8 @@ def decode_batch(kind: type[M], payload: bytes) -> list[M]:
     if payload[:1] != _ARRAY:
         return [decode(kind, payload)]
     try:
+        if step > 1:
+            return [decode(kind, bytes(raw)) for raw in _RAW.decode(payload)[::-step][::-1]]
         batch = _decoders(kind)[1].decode(payload)
     except _REFUSED as error:
         raise _refusal(kind, error) from error
@@ -170,6 +174,6 @@ class Objects(Codec):
         return cast("bytes", tuple(payloads))
 
     @staticmethod
-    def decode_batch(kind: type[M], payload: bytes) -> list[M]:
+    def decode_batch(kind: type[M], payload: bytes, step: int = 1) -> list[M]:
         del kind
-        return list(cast("tuple[M, ...]", payload))
+        return list(cast("tuple[M, ...]", payload))[::-step][::-1]

@@ -77,21 +77,20 @@ def ros_name(cell: str, axis: str, topic: str) -> str:
 
 
 class RosFeed:
-    """Turns what is received of a cell into ROS messages: of each topic of ours the first message in each
-    `period_ns` of its sender's clock, so that what arrives in batches keeps its rate and its stamps.
+    """Turns what is received of a cell into ROS messages: of a batch as many, each with the stamp of its tick,
+    as come to `rate_hz`; of what comes alone each.
 
     Attributes:
         states: newest state of each axis, with its receive stamp.
     """
 
     def __init__(
-        self, cell: str, period_ns: int, epoch_ns: Callable[[int], int], advertise: Advertise
+        self, cell: str, rate_hz: float, epoch_ns: Callable[[int], int], advertise: Advertise
     ) -> None:
         """`epoch_ns`: turns a receive stamp into ns since 1970."""
         self.states: dict[str, tuple[SlaveState, int]] = {}
-        self._cell, self._period_ns, self._epoch_ns, self._advertise = cell, period_ns, epoch_ns, advertise
+        self._cell, self._rate_hz, self._epoch_ns, self._advertise = cell, rate_hz, epoch_ns, advertise
         self._rows: dict[str, list[tuple[RosTopic, Send]]] = {}
-        self._slots: dict[tuple[str, str], int] = {}  # of the newest message, by axis and topic of ours
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -112,16 +111,13 @@ class RosFeed:
                 (row, self._advertise(ros_name(self._cell, axis, row.name), row.type)) for row in TABLE
             ]
         try:
-            received = observed(topic, payload, receive_ns)
+            step = max(1, round((topic.rate_hz or 1.0) / self._rate_hz))
+            received = observed(topic, payload, receive_ns, step=step)
         except CodecError:
             return
         for message, message_ns in received:
             if isinstance(message, SlaveState):
                 self.states[axis] = message, message_ns
-            slot = message.stamp_ns // self._period_ns
-            if self._slots.get((axis, topic.name)) == slot:
-                continue
-            self._slots[axis, topic.name] = slot
             stamp_ns = self._epoch_ns(message_ns)
             header = cdr.RosHeader(stamp_ns, f"{self._cell}/{axis}")
             for row, send in self._rows[axis]:

@@ -123,7 +123,9 @@ def test_thousand_random_payloads_are_what_the_model_says(message: Message, seed
 @settings(max_examples=10)
 def test_a_batch_gives_its_messages_in_order(kind: type[Message], data: st.DataObject) -> None:
     sent = data.draw(st.lists(messages(kind), max_size=4))
-    assert decode_batch(kind, encode_batch([encode(each) for each in sent])) == sent
+    batch = encode_batch([encode(each) for each in sent])
+    assert decode_batch(kind, batch) == sent
+    assert decode_batch(kind, batch, step=3) == sent[::-3][::-1]
 
 
 @pytest.mark.parametrize("count", [MOST_BATCHED + 1, 2**32 - 1])

@@ -62,7 +62,7 @@ class Wire:
 
 
 def feed_of(wire: Wire, rate_hz: float = RATE_HZ) -> RosFeed:
-    return RosFeed("cathlab", int(1e9 / rate_hz), lambda stamp_ns: EPOCH_NS + stamp_ns, wire.publisher)
+    return RosFeed("cathlab", rate_hz, lambda stamp_ns: EPOCH_NS + stamp_ns, wire.publisher)
 
 
 def hear(feed: RosFeed, topic: Topic[Any], messages: Iterable[Message], receive_ns: int = S) -> None:
@@ -78,15 +78,19 @@ def forces(first: int, number: int = 20, **changes: Any) -> list[Message]:  # no
     ]
 
 
-def test_each_fifth_message_of_the_batches_goes_on_with_the_stamp_of_its_tick() -> None:
+@pytest.mark.parametrize(("rate_hz", "step"), [(200.0, 5), (1000.0, 1), (300.0, 3), (50.0, 20)])
+def test_of_a_batch_the_last_and_each_so_many_before_it_go_on_with_the_stamps_of_their_ticks(
+    rate_hz: float, step: int
+) -> None:
     wire = Wire()
-    feed = feed_of(wire)
-    hear(feed, FORCE, forces(0, 19), S)
-    hear(feed, FORCE, forces(19, 21), S + 21 * MS)
+    feed = feed_of(wire, rate_hz)
+    hear(feed, FORCE, forces(0), S)
+    hear(feed, FORCE, forces(20), S + 20 * MS)
+    expected = [i for batch in (range(20), range(20, 40)) for i in batch[::-step][::-1]]
     stamps = [stamp_ns for _, stamp_ns in wire.sent["/cathlab/insertion/measured_js"]]
-    assert stamps == [EPOCH_NS + S + (i - 18) * MS for i in range(0, 40, 5)]
+    assert stamps == [EPOCH_NS + S + (i - 19) * MS for i in expected]
     positions = [joint["position"][0] for joint in wire.read("/cathlab/insertion/measured_js")]
-    assert positions == pytest.approx([i * 1e-4 for i in range(0, 40, 5)])
+    assert positions == pytest.approx([i * 1e-4 for i in expected])
 
 
 def test_the_topics_of_an_axis_are_those_of_crtk() -> None:

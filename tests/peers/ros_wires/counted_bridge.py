@@ -35,9 +35,9 @@ def main() -> None:
     out, begin = Path(sys.argv.pop(1)), RosFeed.__init__
 
     def begin_counted(
-        feed: RosFeed, cell: str, period_ns: int, epoch_ns: Callable[[int], int], advertise: Advertise
+        feed: RosFeed, cell: str, rate_hz: float, epoch_ns: Callable[[int], int], advertise: Advertise
     ) -> None:
-        begin(feed, cell, period_ns, epoch_ns, counted(advertise))
+        begin(feed, cell, rate_hz, epoch_ns, counted(advertise))
 
     atexit.register(lambda: out.write_text(json.dumps(stamps)))
     with patch.object(RosFeed, "__init__", begin_counted):
