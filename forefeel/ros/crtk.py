@@ -77,8 +77,8 @@ def ros_name(cell: str, axis: str, topic: str) -> str:
 
 
 class RosFeed:
-    """Turns what is received of a cell into ROS messages: of a batch as many, each with the stamp of its tick,
-    as come to `rate_hz`; of what comes alone each.
+    """Turns what is received of a cell into ROS messages: of a batch as many as come to `rate_hz`, each with
+    the stamp of its tick; of what comes alone each.
 
     Attributes:
         states: newest state of each axis, with its receive stamp.
