@@ -49,10 +49,15 @@ class Publisher:
 
 
 def observed(
-    topic: Topic[M], payload: bytes, receive_ns: int, codec: type[Codec] = Codec, step: int = 1
+    topic: Topic[M],
+    payload: bytes,
+    receive_ns: int,
+    codec: type[Codec] = Codec,
+    step: int = 1,
+    first: int = 0,
 ) -> list[tuple[M, int]]:
-    """Messages that an observer receives under the key of a topic, each with its receive stamp; with `step`
-    of a batch the last one and each so many before it.
+    """Messages that an observer receives under the key of a topic, each with its receive stamp; of a batch
+    those that `step` and `first` pick, see `decode_batch`.
 
     The last one of a batch now, the others so much before as they were sent before it.
 
@@ -61,7 +66,7 @@ def observed(
     """
     if not topic.batched:
         return [(codec.decode(topic.message, payload), receive_ns)]
-    messages = codec.decode_batch(topic.message, payload, step)
+    messages = codec.decode_batch(topic.message, payload, step, first)
     last_ns = max((message.stamp_ns for message in messages), default=0)
     return [(message, receive_ns - min(last_ns - message.stamp_ns, _MOST_BATCHED_NS)) for message in messages]
 

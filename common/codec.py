@@ -57,9 +57,9 @@ def encode_batch(payloads: list[bytes]) -> bytes:
     return _ARRAY + size.to_bytes(4, "big") + b"".join(payloads)
 
 
-def decode_batch(kind: type[M], payload: bytes, step: int = 1) -> list[M]:
+def decode_batch(kind: type[M], payload: bytes, step: int = 1, first: int = 0) -> list[M]:
     """Messages of type `kind` that a batch holds, at most `MOST_BATCHED`, or the one that stands alone. With
-    `step` the last one and each so many before it, which costs that much less; the others may be anything.
+    `step` those at `first`, `first` + `step`, ... and the last, which costs less; others may be anything.
 
     Raises:
         CodecError: one of them is no message of that type or protocol version, or there are more.
@@ -68,7 +68,8 @@ def decode_batch(kind: type[M], payload: bytes, step: int = 1) -> list[M]:
         return [decode(kind, payload)]
     try:
         if step > 1:
-            return [decode(kind, bytes(raw)) for raw in _RAW.decode(payload)[::-step][::-1]]
+            raws = _RAW.decode(payload)
+            return [decode(kind, bytes(raws[at])) for at in picked(len(raws), step, first)]
         batch = _decoders(kind)[1].decode(payload)
     except _REFUSED as error:
         raise _refusal(kind, error) from error
@@ -78,6 +79,11 @@ def decode_batch(kind: type[M], payload: bytes, step: int = 1) -> list[M]:
 def counted(payload: bytes) -> int:
     """Number of messages that a payload says it holds: one, or those of a batch."""
     return min(int.from_bytes(payload[1:5], "big"), MOST_BATCHED) if payload[:1] == _ARRAY else 1
+
+
+def picked(number: int, step: int, first: int) -> list[int]:
+    """Places, of so many messages, of those at `first`, `first` + `step`, ... and of the last."""
+    return sorted({*range(first, number, step), *range(number)[-1:]})
 
 
 def _refusal(kind: type[Message], error: Exception) -> CodecError:
@@ -174,6 +180,7 @@ class Objects(Codec):
         return cast("bytes", tuple(payloads))
 
     @staticmethod
-    def decode_batch(kind: type[M], payload: bytes, step: int = 1) -> list[M]:
+    def decode_batch(kind: type[M], payload: bytes, step: int = 1, first: int = 0) -> list[M]:
         del kind
-        return list(cast("tuple[M, ...]", payload))[::-step][::-1]
+        batch = cast("tuple[M, ...]", payload)
+        return [batch[at] for at in picked(len(batch), step, first)]

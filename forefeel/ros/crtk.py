@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from forefeel.common.bus import observed
+from forefeel.common.codec import counted
 from forefeel.common.errors import CodecError
 from forefeel.common.messages import ForceSample, HapticSample, SafetyState, SlaveState
 from forefeel.common.topics import FORCE, HAPTICS, SLAVE_STATE, Topic, parse_key
@@ -77,8 +78,8 @@ def ros_name(cell: str, axis: str, topic: str) -> str:
 
 
 class RosFeed:
-    """Turns what is received of a cell into ROS messages: of a batch as many as come to `rate_hz`, each with
-    the stamp of its tick; of what comes alone each.
+    """Turns what is received of a cell into ROS messages: what comes in batches at `rate_hz`, each message
+    with the stamp of its tick; of what comes alone each.
 
     Attributes:
         states: newest state of each axis, with its receive stamp.
@@ -91,6 +92,7 @@ class RosFeed:
         self.states: dict[str, tuple[SlaveState, int]] = {}
         self._cell, self._rate_hz, self._epoch_ns, self._advertise = cell, rate_hz, epoch_ns, advertise
         self._rows: dict[str, list[tuple[RosTopic, Send]]] = {}
+        self._first: dict[tuple[str, str], int] = {}
 
     @property
     def axes(self) -> tuple[str, ...]:
@@ -111,8 +113,7 @@ class RosFeed:
                 (row, self._advertise(ros_name(self._cell, axis, row.name), row.type)) for row in TABLE
             ]
         try:
-            step = max(1, round((topic.rate_hz or 1.0) / self._rate_hz))
-            received = observed(topic, payload, receive_ns, step=step)
+            received = self._due(axis, topic, payload, receive_ns)
         except CodecError:
             return
         for message, message_ns in received:
@@ -124,6 +125,16 @@ class RosFeed:
                 encoded = row.encode(message, header, axis) if row.source.name == topic.name else None
                 if encoded is not None:
                     send(encoded, stamp_ns)
+
+    def _due(self, axis: str, topic: Topic[Any], payload: bytes, receive_ns: int) -> list[tuple[Any, int]]:
+        """Each `step`-th message of what is received of a topic, whatever its batches hold, with its stamp;
+        `first`: place of the next one in a batch. Raises CodecError.
+        """
+        step = max(1, round((topic.rate_hz or 1.0) / self._rate_hz)) if topic.batched else 1
+        number, first = counted(payload), self._first.get((axis, topic.name), 0)
+        self._first[axis, topic.name] = (first - number) % step
+        received = observed(topic, payload, receive_ns, step=step, first=first)
+        return received if (number - 1 - first) % step == 0 else received[:-1]
 
     def diagnostics(self, now_ns: int) -> bytes:
         """DiagnosticArray with a status for each axis: error in FAULT and ESTOPPED, a warning above the force

@@ -79,16 +79,17 @@ def forces(first: int, number: int = 20, **changes: Any) -> list[Message]:  # no
 
 
 @pytest.mark.parametrize(("rate_hz", "step"), [(200.0, 5), (1000.0, 1), (300.0, 3), (50.0, 20)])
-def test_of_a_batch_the_last_and_each_so_many_before_it_go_on_with_the_stamps_of_their_ticks(
+def test_each_so_many_messages_go_on_with_the_stamp_of_their_tick_whatever_the_batches_hold(
     rate_hz: float, step: int
 ) -> None:
     wire = Wire()
-    feed = feed_of(wire, rate_hz)
-    hear(feed, FORCE, forces(0), S)
-    hear(feed, FORCE, forces(20), S + 20 * MS)
-    expected = [i for batch in (range(20), range(20, 40)) for i in batch[::-step][::-1]]
+    feed, sent = feed_of(wire, rate_hz), 0
+    for number in (20, 21, 19, 1, 3, 2, 21, 13):
+        hear(feed, FORCE, forces(sent, number), S + (sent + number - 1) * MS)
+        sent += number
+    expected = range(0, 100, step)
     stamps = [stamp_ns for _, stamp_ns in wire.sent["/cathlab/insertion/measured_js"]]
-    assert stamps == [EPOCH_NS + S + (i - 19) * MS for i in expected]
+    assert stamps == [EPOCH_NS + S + i * MS for i in expected]
     positions = [joint["position"][0] for joint in wire.read("/cathlab/insertion/measured_js")]
     assert positions == pytest.approx([i * 1e-4 for i in expected])
 
