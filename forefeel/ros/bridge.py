@@ -171,6 +171,7 @@ class Node:
         self.feed = RosFeed(cell, options.rate_hz, self._epoch_ns, self._advertise)
         self._send_diagnostics = self._advertise(DIAGNOSTICS, DIAGNOSTIC_ARRAY)
         self._readers, self._due_ns = Readers(wires, clock.now_ns()), 0
+        self._servo_due_ns: int | None = clock.now_ns() + _SILENCE_NS
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
         """Sends what is due of a payload; at the first one of an axis subscribes to its commands."""
@@ -187,6 +188,17 @@ class Node:
             self._due_ns = now_ns + _LOOK_NS
             self._readers.look(now_ns)
             self._send_diagnostics(self.feed.diagnostics(now_ns), self._epoch_ns(now_ns))
+        if self._servo_due_ns is not None and now_ns >= self._servo_due_ns and self.feed.axes:
+            self._servo_due_ns = None
+            self._look_at_servo()
+
+    def _look_at_servo(self) -> None:
+        """Prints which handle of the options is none: an axis that is not heard, or no socket."""
+        for axis, path in self._options.servo.items():
+            if axis not in self.feed.axes:
+                say(f"ros: --servo {axis}: no such axis is heard; expected {' or '.join(self.feed.axes)}")
+            elif not path.is_socket():
+                say(f"ros: {axis}: no handle at {path}; expected handle.socket of a master on this host")
 
     def _advertise(self, topic: str, kind: RosType) -> Send:
         sends = [wire.publisher(topic, kind) for wire in self._wires]

@@ -31,6 +31,7 @@ SLAVE = {
         ("emulate zaber_ascii", ("--port LINK",)),
         ("emulate can_hub", ("--port LINK,LINK",)),
         ("emulate bota_serial --port @/taken", ("exists and is no link",)),
+        ("emulate bota_serial --port @/none/port", ("No such file", "expected a folder")),
         ("emulate bota_serial --config @/slave.yaml", ("insertion", "'bota_serial'")),
         ("emulate zaber_ascii --config @/slave.yaml --axis wrist", ("--axis wrist", "insertion")),
         ("emulate zaber_ascii --config @/none.yaml", ("none.yaml", "No such file")),

@@ -54,6 +54,14 @@ def test_a_force_is_the_current_that_the_coil_makes_it_of(sign: Literal[1, -1]) 
             assert bench.device.current_a == pytest.approx(sign * applied_n / 2.0, abs=1e-9)
 
 
+def test_a_device_that_takes_less_current_than_asked_gives_the_force_that_is_said() -> None:
+    with opened(hardware=CoilHardware(peak_a=0.8)) as bench:
+        bench.force_n = 3.0
+        bench.run(4)
+        assert bench.device.current_a == pytest.approx(0.8)
+        assert bench.applied_n == pytest.approx(bench.hand.felt_n) == pytest.approx(1.6)
+
+
 def test_the_lamp_and_the_stages_position_reach_the_person_and_go_dark_with_the_host() -> None:
     with opened() as bench:
         assert bench.hand.sees == Indication(SafetyState.ARMED, 0.0123)

@@ -285,6 +285,26 @@ def test_commands_are_taken_only_where_that_is_asked_for(
     assert len(wire.sent["/diagnostics"]) == node.sent["/diagnostics"] == 1
 
 
+def test_servo_of_no_axis_and_of_no_handle_is_said_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    clock = VirtualClock(S)
+    servo = {"insertion": tmp_path / "none", "rotation": tmp_path / "none"}
+    options = RosOptions(0, RATE_HZ, True, accept_commands=True, servo=servo)
+    stopper = Stopper(MemoryBus().session(clock), "cathlab", (), "ros", "", listens=False)
+    node = Node([Wire()], "cathlab", options, stopper, clock)
+    node.look(7 * S)  # before anything of the cell is heard
+    node.hear(SLAVE_STATE.key("cathlab", "insertion"), encode(usual(SLAVE_STATE)), S)
+    capsys.readouterr()
+    for at_s in (2, 7, 8):
+        node.look(at_s * S)
+    said = [line for line in capsys.readouterr().err.splitlines() if "expected" in line]
+    assert [line.split(";")[0] for line in said] == [
+        f"ros: insertion: no handle at {tmp_path / 'none'}",
+        "ros: --servo rotation: no such axis is heard",
+    ]
+
+
 class FakePublisher:
     """Publisher of rosless with as many matched readers as `subscriber_count`."""
 

@@ -72,8 +72,8 @@ class CoilTalk:
         setpoint, shown: what the next command carries. A current is only ever sent while the link is READY.
         settled: whether the handshake is done.
         pressed_anew: after a fault: the deadman was let go and pressed since the handshake.
-        period_s, counts_per_m, actuator_delay_s: as the device says, since the first handshake; the counts by
-            the settings where it does not know them.
+        period_s, counts_per_m, actuator_delay_s, limit_ma: as the device says, since the first handshake; the
+            counts by the settings where it does not know them.
     """
 
     def __init__(self, settings: CoilSettings, link: DeviceLink) -> None:
@@ -81,6 +81,7 @@ class CoilTalk:
         self._watchdog_ns = round(settings.watchdog_s * 1e9)
         self._identity: CoilIdentity | None = None
         self.period_s, self.counts_per_m, self.actuator_delay_s = 0.0, 0.0, 0.0
+        self.limit_ma = 0
         self.setpoint, self.shown = _NO_CURRENT, Indication(None, None)
         self._restart(0)
 
@@ -158,7 +159,7 @@ class CoilTalk:
                 f"expected at most {watchdog_ms} ms and {limit_ma} mA (watchdog_s, max_current_a)"
             )
         measures = self._measures(identity)
-        self._identity, self._link.serial = identity, serial
+        self._identity, self._link.serial, self.limit_ma = identity, serial, identity.limit_ma
         self._time = DeviceTime(self.period_s)
         self._link.identity = f"{name} {serial}, firmware {firmware}: {measures}"
         self._link.advance(LinkState.IDENTIFIED)
@@ -320,7 +321,6 @@ class CoilHandle:
         self._settings, self._clock = settings, clock or MonotonicClock()
         self.link = DeviceLink(f"handle coil_serial on {settings.port}")
         self._talk = CoilTalk(settings, self.link)
-        self._limit_ma = round(settings.max_current_a * 1e3)
         self._conversation = Conversation(self.link, self._converse)
 
     @property
@@ -382,8 +382,8 @@ class CoilHandle:
         return HandleReading(position_m, velocity_m_s, pressed, grip, estop=stop)
 
     def render(self, force_n: float, now_ns: int) -> float:
-        """Sets the current for a force, clamped to the limit; returns the force in N of that current. A force
-        that is not finite gives no current.
+        """Sets the current for a force, clamped to the limit that the device has set, which may be below that
+        of the settings; returns the force in N of that current. A force that is not finite gives no current.
 
         Raises:
             DeviceError: as `read`; there is no force then.
@@ -391,7 +391,8 @@ class CoilHandle:
         self.link.require_ready()
         per_ampere = self._settings.newton_per_ampere
         asked_ma = round(force_n / per_ampere * 1e3) if isfinite(force_n) else 0
-        current_ma = max(-self._limit_ma, min(self._limit_ma, asked_ma))
+        limit_ma = self._talk.limit_ma
+        current_ma = max(-limit_ma, min(limit_ma, asked_ma))
         self._talk.setpoint = CurrentSetpoint(self._settings.sign * current_ma, now_ns)
         return current_ma * 1e-3 * per_ampere
 

@@ -20,7 +20,7 @@ class Pty:
     """The device's end of a pseudo terminal; the host opens `link`, a symbolic link that stays the same.
 
     Raises:
-        ConfigurationError: the link's place holds something that is no link of ours.
+        ConfigurationError: the link's place holds something that is no link of ours, or can hold none.
     """
 
     def __init__(self, link: Path) -> None:
@@ -30,7 +30,7 @@ class Pty:
 
     def plug(self) -> None:
         """Opens a new terminal and puts the link to it in place; nothing when it is open. ConfigurationError:
-        something that is no link is at the place.
+        something that is no link is at the place, or no link can be made there.
         """
         if self._master >= 0:
             return
@@ -40,8 +40,13 @@ class Pty:
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         fresh = Path(tempfile.mktemp(dir=self.link.parent, prefix=f".{self.link.name}."))
-        fresh.symlink_to(os.ttyname(self._slave))
-        fresh.replace(self.link)
+        try:
+            fresh.symlink_to(os.ttyname(self._slave))
+            fresh.replace(self.link)
+        except OSError as error:
+            raise ConfigurationError(
+                f"{self.link}: {error.strerror}; expected a folder that one may write, as in /tmp/device"
+            ) from error
 
     def unplug(self) -> None:
         """Removes the link and closes the terminal."""
