@@ -22,7 +22,7 @@ _PR_SET_NAME, _PR_SET_TIMERSLACK = 15, 29  # options of prctl(2) (linux/prctl.h)
 SWITCH_INTERVAL_S = 5e-5  # a busy thread gives the interpreter lock away after 0.05 ms, not after 5 ms
 TICK_INTERVAL_S = 5e-4  # except a loop in its tick, and in the moment before
 _LEAD_NS = 300_000
-"""A loop takes the interpreter lock so long before its deadline (docs/decisions/0019)."""
+"""A loop takes the interpreter lock so long before its deadline (docs/decisions/0008)."""
 _MOST_SPIN_NS = 150_000
 """And does not sleep any more for up to so long before it, see `WakeUp`."""
 
@@ -80,7 +80,7 @@ def keep_core(highest: bool) -> None:
     Without such a core, and under normal scheduling, the kernel goes on choosing.
 
     It wakes each thread on whatever core is idle, which costs an eighth more processor time and doubles the
-    lateness (docs/decisions/0019). `highest`: from which end of the cores it takes the first free one; master
+    lateness (docs/decisions/0008). `highest`: from which end of the cores it takes the first free one; master
     and slave in containers, which do not see each other, begin at different ends.
     """
     if os.sched_getscheduler(0) != os.SCHED_FIFO:
@@ -120,7 +120,7 @@ class WakeUp:
     a wake-up was later, else down by 0.05 of it.
     """
 
-    # of the quantile; the rest would cost as much again (docs/decisions/0019)
+    # of the quantile; the rest would cost as much again (docs/decisions/0008)
     _SHARE = 0.95
     _STEP_NS = 2000
 
