@@ -33,9 +33,9 @@ class ForceRenderer:
         force_n: what is rendered now.
     """
 
-    def __init__(self, settings: RenderingSettings, actuator_delay_s: float = 0.0) -> None:
+    def __init__(self, settings: RenderingSettings) -> None:
         self._settings = settings
-        self.late_by(actuator_delay_s)
+        self.late_by(0.0)
         self._fade = 0.0
         self._target_n = 0.0
         self._previous_ns: int | None = None

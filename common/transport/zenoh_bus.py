@@ -230,6 +230,14 @@ class ZenohTransport:
             self._on_fault(error)
 
 
+def set_workers(number: int) -> None:
+    """Sets by `ZENOH_RUNTIME`, where it is unset, the threads of each of Zenoh's runtimes, which the first
+    session of a process reads.
+    """
+    runtimes = ", ".join(f"{name}: (worker_threads: {number})" for name in ("rx", "tx", "net"))
+    os.environ.setdefault("ZENOH_RUNTIME", f"({runtimes})")
+
+
 def open_session(
     settings: TransportSettings, mode: Mode, party: Party | None, *, insecure: bool, real_stage: bool
 ) -> tuple[zenoh.Session, str]:
@@ -253,8 +261,7 @@ def open_session(
         insecure=insecure,
         real_stage=real_stage,
     )
-    runtimes = ", ".join(f"{name}: (worker_threads: {_WORKERS})" for name in ("rx", "tx", "net"))
-    os.environ.setdefault("ZENOH_RUNTIME", f"({runtimes})")  # read once, by the first session of a process
+    set_workers(_WORKERS)
     try:
         return zenoh.open(configuration(settings, mode, added)), notice
     except zenoh.ZError as error:

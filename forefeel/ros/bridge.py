@@ -1,6 +1,5 @@
 """`forefeel ros`: a cell as a ROS 2 node, over DDS, over Zenoh, or both; a viewer in a process of its own."""
 
-import os
 import socket
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,7 +11,7 @@ from typing import NamedTuple, Protocol
 from forefeel.common.clock import Clock, MonotonicClock, now_utc
 from forefeel.common.errors import CodecError, RunError
 from forefeel.common.transport.security import Party
-from forefeel.common.transport.zenoh_bus import ZenohTransport
+from forefeel.common.transport.zenoh_bus import ZenohTransport, set_workers
 from forefeel.devices.servo.driver import POSITION
 from forefeel.estop.network import EVERY_S, FOR_S, Stopper, all_stopped
 from forefeel.interrupt import signal_flag
@@ -30,7 +29,7 @@ from forefeel.ros.crtk import DIAGNOSTICS, SERVO_JP, STATE_COMMAND, RosFeed, Sen
 from forefeel.ros.zenoh_wire import ZenohWire
 from forefeel.terminal import ask, say
 
-_RUNTIME = ", ".join(f"{name}: (worker_threads: 4)" for name in ("rx", "tx", "net")).join("()")
+_WORKERS = 4
 """Of Zenoh: a viewer has three links, and a daemon's 32 workers wake each other: 13.9 -> 13.1 % of a core."""
 _LOOK_NS = 1_000_000_000  # between two looks at the readers, and two diagnostics
 _SILENCE_NS = 5_000_000_000  # without a reader before it is said
@@ -255,7 +254,7 @@ def run_ros(
         InputError: an endpoint or a certificate can not be used.
         RunError: the network failed.
     """
-    os.environ.setdefault("ZENOH_RUNTIME", _RUNTIME)
+    set_workers(_WORKERS)
     clock, failed = MonotonicClock(), list[Exception]()
     party, cell = Party("viewer", (settings.cell,)), settings.cell
     opening = partial(ZenohTransport.open, settings.transport, clock, failed.append, party, insecure=insecure)

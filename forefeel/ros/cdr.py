@@ -5,7 +5,7 @@ Little-endian XCDR1: primitives are aligned to their size, counted from behind t
 
 import struct
 from collections.abc import Iterable, Sequence
-from functools import cache, lru_cache
+from functools import cache
 from typing import NamedTuple
 
 from forefeel.common.errors import CodecError
@@ -71,13 +71,6 @@ def _form(codes: str) -> tuple[struct.Struct, int]:
     return struct.Struct(f"<{codes}"), struct.calcsize(f"={codes[0]}")
 
 
-@lru_cache(maxsize=4096)
-def _text(text: str) -> bytes:
-    """Length and bytes of a string, which ends in a zero and has no other."""
-    encoded = text.encode(errors="replace").replace(b"\0", b"?") + b"\0"
-    return struct.pack("<I", len(encoded)) + encoded
-
-
 class _Writer:
     def __init__(self, header: RosHeader) -> None:
         self._bytes = bytearray()
@@ -91,7 +84,10 @@ class _Writer:
         return self
 
     def text(self, text: str) -> "_Writer":
-        self._bytes += bytes(-len(self._bytes) % 4) + _text(text)
+        """Appends length and bytes of a string, which ends in a zero and has no other."""
+        encoded = text.encode(errors="replace").replace(b"\0", b"?") + b"\0"
+        self.put("I", len(encoded))
+        self._bytes += encoded
         return self
 
     def doubles(self, values: Sequence[float]) -> "_Writer":

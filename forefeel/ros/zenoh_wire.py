@@ -48,11 +48,10 @@ class ZenohWire:
 
     def publisher(self, topic: str, kind: RosType) -> Send:
         """Declares a publisher with its token."""
-        mangled, type_hash = topic.replace("/", "%"), _NO_HASH if self._humble else kind.hash
-        self._topics[mangled] = type_hash
-        token = self._token(f"0/{next(self._ids)}/MP", f"/{mangled}/{kind.dds_name}/{type_hash}/{_QOS}")
+        key, token = self._entity("MP", topic, kind)
+        self._topics[_mangled(topic)] = self._hash(kind)
         publisher = self._session.declare_publisher(
-            self._key(topic, kind, type_hash),
+            key,
             congestion_control=zenoh.CongestionControl.DROP,  # a reader that hangs holds up nobody
             priority=zenoh.Priority.INTERACTIVE_HIGH,  # its queue holds a burst, see `zenoh_config.FIXED`
         )
@@ -66,15 +65,13 @@ class ZenohWire:
 
     def subscribe(self, topic: str, kind: RosType, take: Take) -> None:
         """Declares a subscriber with its token; `take` is called in a thread of Zenoh."""
-        type_hash = _NO_HASH if self._humble else kind.hash
 
         def receive(sample: zenoh.Sample) -> None:
             attachment = sample.attachment.to_bytes() if sample.attachment else b""
             take(sample.payload.to_bytes(), attachment[17:])
 
-        self._declared.append(self._session.declare_subscriber(self._key(topic, kind, type_hash), receive))
-        mangled = topic.replace("/", "%")
-        self._token(f"0/{next(self._ids)}/MS", f"/{mangled}/{kind.dds_name}/{type_hash}/{_QOS}")
+        key, _ = self._entity("MS", topic, kind)
+        self._declared.append(self._session.declare_subscriber(key, receive))
 
     def readers(self) -> int:
         """Number of subscriptions, in the whole graph, to topics of ours, with the type that we send."""
@@ -117,10 +114,20 @@ class ZenohWire:
     def close(self) -> None:
         self._session.close()  # type: ignore[no-untyped-call]
 
-    def _key(self, topic: str, kind: RosType, type_hash: str) -> str:
-        return f"{self._domain}{topic}/{kind.dds_name}/{type_hash}"
+    def _entity(self, letters: str, topic: str, kind: RosType) -> tuple[str, str]:
+        """Declares the token of a publisher (MP) or subscriber (MS); returns the key of the topic, and it."""
+        typed = f"{kind.dds_name}/{self._hash(kind)}"
+        token = self._token(f"0/{next(self._ids)}/{letters}", f"/{_mangled(topic)}/{typed}/{_QOS}")
+        return f"{self._domain}{topic}/{typed}", token
+
+    def _hash(self, kind: RosType) -> str:
+        return _NO_HASH if self._humble else kind.hash
 
     def _token(self, entity: str, of_topic: str) -> str:
         key = f"@ros2_lv/{self._domain}/{self._zid}/{entity}/%/%/{NODE}{of_topic}"
         self._declared.append(self._session.liveliness().declare_token(key))
         return key
+
+
+def _mangled(topic: str) -> str:
+    return topic.replace("/", "%")

@@ -20,7 +20,8 @@ class Hand:
     """A renderer at 1 kHz."""
 
     def __init__(self, settings: RenderingSettings = SETTINGS, actuator_delay_s: float = 0.0) -> None:
-        self.renderer = ForceRenderer(settings, actuator_delay_s)
+        self.renderer = ForceRenderer(settings)
+        self.renderer.late_by(actuator_delay_s)
         self.now_ns = 0
         self.position_m = self.energy_j = 0.0
         self.hits: tuple[LimitHit, ...] = ()

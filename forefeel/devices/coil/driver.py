@@ -1,6 +1,5 @@
 """The handle with a voice coil and an encoder behind a microcontroller on a serial port."""
 
-from collections import Counter
 from contextlib import suppress
 from math import isfinite
 from typing import NamedTuple
@@ -26,6 +25,7 @@ from forefeel.devices.coil.protocol import (
 from forefeel.devices.coil.settings import CoilSettings
 from forefeel.devices.shared.conversation import Conversation, Steps
 from forefeel.devices.shared.device_time import DeviceTime
+from forefeel.devices.shared.handle import Deadman, ThreadedHandle
 from forefeel.devices.shared.stream import SerialStream
 from forefeel.master.handle import HandleReading, Indication
 
@@ -64,14 +64,14 @@ _NO_CURRENT = CurrentSetpoint(0, 0)
 class CoilTalk:
     """Exchange with one device after the other on one link: `begin` starts a handshake, `hear` does all else.
 
-    `hear` runs in one thread. The haptic thread reads `newest` and `pressed_anew`, and sets `setpoint` and
+    `hear` runs in one thread. The haptic thread reads `newest` and `deadman`, and sets `setpoint` and
     `shown`: each one reference.
 
     Attributes:
         newest: the newest state since the handshake, None before.
         setpoint, shown: what the next command carries. A current is only ever sent while the link is READY.
         settled: whether the handshake is done.
-        pressed_anew: after a fault: the deadman was let go and pressed since the handshake.
+        deadman: what it told since the handshake.
         period_s, counts_per_m, actuator_delay_s, limit_ma: as the device says, since the first handshake; the
             counts by the settings where it does not know them.
     """
@@ -90,7 +90,7 @@ class CoilTalk:
         self._begun_ns = self._asked_ns = now_ns
         self._bytes = self._sequence = 0
         self.newest: Stamped | None = None
-        self.settled = self.pressed_anew = self._let_go = False
+        self.settled, self.deadman = False, Deadman()
 
     def begin(self, now_ns: int) -> bytes:
         """Starts a new handshake with any device on the line; returns bytes to send."""
@@ -251,12 +251,10 @@ class CoilTalk:
         return True
 
     def _watch(self, state: CoilState) -> None:
-        """Raises DeviceError for a flag; notices that the deadman was let go and pressed."""
+        """Raises DeviceError for a flag; else has the deadman take its button."""
         if state.flags:
             raise DeviceError(_in_words(state.flags))
-        pressed = Button.DEADMAN in state.buttons
-        self.pressed_anew = pressed and (self.pressed_anew or self._let_go)
-        self._let_go = not pressed
+        self.deadman.take(Button.DEADMAN in state.buttons)
 
     def _require_in_time(self, now_ns: int) -> None:
         """Raises DeviceError when the newest state, or the setpoint of a current, is older than the
@@ -303,60 +301,20 @@ _CARRIED_PERIODS = 5  # by which a state is carried on with its velocity; then t
 _READ_S = 0.25  # of the watchdog's time: how long a read may wait for a byte
 
 
-class CoilHandle:
-    """Handle port on a coil. `read`, `render` and `show` never wait: a thread of its own owns the device.
-
-    Any fault (silence, a flag of the device, a haptic loop that stands still) takes the force away and the
-    readings with it, until the handshake has been done again and `rearm` is called.
-
-    Attributes:
-        link: its state, what the device is, and what was counted.
+class CoilHandle(ThreadedHandle[CoilTalk]):
+    """Handle port on a coil. `read`, `render` and `show` never wait. A fault is silence, a flag of the
+    device, or a haptic loop that stands still.
     """
-
-    finished = False
-    clutched_out_s = 0.0
-    """A hand does not say whether it means to wait."""
 
     def __init__(self, settings: CoilSettings, clock: Clock | None = None) -> None:
         self._settings, self._clock = settings, clock or MonotonicClock()
-        self.link = DeviceLink(f"handle coil_serial on {settings.port}")
-        self._talk = CoilTalk(settings, self.link)
-        self._conversation = Conversation(self.link, self._converse)
-
-    @property
-    def counters(self) -> Counter[str]:
-        return self.link.counters
+        link = DeviceLink(f"handle coil_serial on {settings.port}")
+        super().__init__(link, CoilTalk(settings, link), _OPEN_S)
 
     @property
     def actuator_delay_s(self) -> float:
         """By what the device says of itself."""
         return self._talk.actuator_delay_s
-
-    @property
-    def pressed_anew(self) -> bool:
-        return self.link.state is LinkState.CONFIGURED and self._talk.pressed_anew
-
-    def open(self) -> None:
-        """Opens the port and shakes hands.
-
-        Raises:
-            DeviceSetupError: no such port, or no coil handle of this protocol behind it.
-            DeviceError: it does not get ready.
-        """
-        self._conversation.start(_OPEN_S)
-
-    def close(self) -> None:
-        self._talk.clear_setpoint()
-        self._conversation.stop()
-
-    def rearm(self) -> None:
-        """Re-arms the link, the explicit act after a fault; no current before the next `render`.
-
-        Raises:
-            DeviceError: the handshake has not been done again.
-        """
-        self._talk.clear_setpoint()
-        self.link.rearm()
 
     def read(self, now_ns: int) -> HandleReading:
         """Returns position, velocity and buttons by the newest state, carried on by its velocity for at most

@@ -1,6 +1,5 @@
 """The handle port on an Inverse3 of Haply with a Verse Grip, by their maker's service."""
 
-from collections import Counter
 from contextlib import ExitStack, suppress
 from math import isfinite
 from typing import NamedTuple
@@ -21,6 +20,7 @@ from forefeel.devices.haply.service import (
 )
 from forefeel.devices.haply.settings import HaplySettings
 from forefeel.devices.shared.conversation import Conversation, Pacer, Steps
+from forefeel.devices.shared.handle import Deadman, ThreadedHandle
 from forefeel.master.handle import HandleReading, Indication
 
 # --- The host's half of the exchange: handshake, then a force each period.
@@ -55,13 +55,12 @@ class HaplyTalk:
     Attributes:
         newest: the newest state since the handshake began, None before.
         setpoint: the force of the next command; only ever sent while the link is READY.
-        pressed_anew: after a fault: the deadman was let go and pressed since the handshake.
+        deadman: what it told since the handshake.
     """
 
     def __init__(self, settings: HaplySettings, link: DeviceLink) -> None:
         self._settings, self._link = settings, link
         self._watchdog_ns = round(settings.watchdog_s * 1e9)
-        self._serial: str | None = None
         self.setpoint = _NO_FORCE
         self.begin(0)
 
@@ -70,7 +69,7 @@ class HaplyTalk:
         self._status, self._grip_status = Inverse3Status(ready=False), GripStatus(connected=False)
         self._missing = "no answer; expected Haply's service, 3.1 or later"
         self.newest: HandState | None = None
-        self.pressed_anew = self._let_go = False
+        self.deadman = Deadman()
 
     def commands(self, now_ns: int) -> list[str]:
         """Messages that are due: a request of the status, and a force once the device is known. Without a
@@ -85,6 +84,9 @@ class HaplyTalk:
             due.append(self._command(-self.setpoint.force_n if ready else 0.0))
             self._sent_ns = now_ns
         return due
+
+    def clear_setpoint(self) -> None:
+        self.setpoint = _NO_FORCE
 
     def farewell(self) -> list[str]:
         """The last command: no force; empty before the device is known."""
@@ -135,9 +137,11 @@ class HaplyTalk:
     def _identify(self, device_id: str) -> None:
         if self._link.state is not LinkState.OPEN:
             return
-        if self._serial not in (None, device_id):
-            raise DeviceSetupError(f"{self._settings.url}: {device_id}; expected {self._serial}, as before")
-        self._serial = self._link.serial = device_id
+        if self._link.serial not in ("", device_id):
+            raise DeviceSetupError(
+                f"{self._settings.url}: {device_id}; expected {self._link.serial}, as before"
+            )
+        self._link.serial = device_id
         self._link.identity = f"Inverse3 {device_id}"
         self._link.advance(LinkState.IDENTIFIED)
 
@@ -158,9 +162,7 @@ class HaplyTalk:
         self.newest = HandState(
             now_ns, state.cursor_position.along(along), state.cursor_velocity.along(along), pressed
         )
-        held = self._settings.deadman in pressed
-        self.pressed_anew = held and (self.pressed_anew or self._let_go)
-        self._let_go = not held
+        self.deadman.take(self._settings.deadman in pressed)
         unfit = self._unfit()
         if self._link.state is LinkState.IDENTIFIED:
             self._missing = unfit or self._missing
@@ -245,53 +247,19 @@ class ServiceStream:
 _OPEN_S = 6.0  # s until the link is ready: `_CONNECT_S`, `_PATIENCE_NS`, and one for the threads
 
 
-class HaplyHandle:
-    """Handle port on an Inverse3. `read` and `render` never wait: a thread of its own holds the service.
-
-    A fault (no service, silence, a device that is asleep or says that it gives more than the limit, a message
-    that is none) takes the force away and the readings with it, until the handshake has been done again and
-    `rearm` is called.
+class HaplyHandle(ThreadedHandle[HaplyTalk]):
+    """Handle port on an Inverse3. `read` and `render` never wait. A fault is no service, silence, a device
+    that is asleep or says that it gives more than the limit, or a message that is none.
     """
 
-    finished = False
-    clutched_out_s = 0.0
-    """A hand does not say whether it means to wait."""
     actuator_delay_s = 0.0
     """The service does not say it."""
 
     def __init__(self, settings: HaplySettings, clock: Clock | None = None) -> None:
         self._settings, self._clock = settings, clock or MonotonicClock()
-        self.link = DeviceLink(f"handle haply on {settings.url}")
-        self._talk = HaplyTalk(settings, self.link)
         self._period_s = 1.0 / settings.rate_hz
-        self._conversation = Conversation(self.link, self._converse)
-
-    @property
-    def counters(self) -> Counter[str]:
-        return self.link.counters
-
-    @property
-    def pressed_anew(self) -> bool:
-        return self.link.state is LinkState.CONFIGURED and self._talk.pressed_anew
-
-    def open(self) -> None:
-        """Connects, wakes the device up, and waits for its state.
-
-        Raises:
-            ConfigurationError, DeviceSetupError: see `ServiceStream`; or no such device, one that is asleep,
-                or no grip.
-            DeviceError: it does not get ready.
-        """
-        self._conversation.start(_OPEN_S)
-
-    def close(self) -> None:
-        self._talk.setpoint = _NO_FORCE
-        self._conversation.stop()
-
-    def rearm(self) -> None:
-        """Re-arms the link; no force before the next `render`. DeviceError: no new handshake yet."""
-        self._talk.setpoint = _NO_FORCE
-        self.link.rearm()
+        link = DeviceLink(f"handle haply on {settings.url}")
+        super().__init__(link, HaplyTalk(settings, link), _OPEN_S)
 
     def read(self, now_ns: int) -> HandleReading:
         """Returns position, velocity and buttons by the newest state, carried on by its velocity for at most
