@@ -34,7 +34,7 @@ kernels: | $(BIN)/pip ## the C library of common/kernels, where it is not of the
 
 $(DEMO): deploy/lock/demo.txt pyproject.toml setup.py | kernels
 	$(TELLING_PIP) --require-hashes -r deploy/lock/demo.txt
-	rm -rf forefeel.egg-info  # an old one hides new entry points
+	rm -rf src/forefeel.egg-info  # an old one hides new entry points
 	$(PIP) --no-deps --no-build-isolation --editable .
 	@touch $@
 
@@ -98,9 +98,9 @@ fuzz: $(READY) ## 100,000 byte strings for every parser
 RUNTIME = $$(for name in asan ubsan stdc++; do cc -print-file-name=lib$$name.so; done | paste -sd:)
 sanitize: $(READY) ## address and undefined behaviour over the kernels' tests and 10,000 random calls (gcc)
 	rm -rf out/sanitize && mkdir -p out/sanitize
-	cp -a common docs forefeel master slave tests pyproject.toml out/sanitize
+	cp -a common docs master slave src tests pyproject.toml out/sanitize
 	CFLAGS='-g -fsanitize=address,undefined,float-cast-overflow -fno-sanitize-recover=all' $(BIN)/python out/sanitize/common/kernels/build.py
-	cd out/sanitize && export LD_PRELOAD="$(RUNTIME)" ASAN_OPTIONS=detect_leaks=0 && \
+	cd out/sanitize && export PYTHONPATH=src LD_PRELOAD="$(RUNTIME)" ASAN_OPTIONS=detect_leaks=0 && \
 	$(abspath $(BIN)/python) -m tests.random_kernel_calls 10000 1 && \
 	$(abspath $(BIN)/python) -m pytest -p no:cacheprovider $$(grep -lE 'common\.(kernels|estimation)' tests/unit/*.py tests/property/*.py)
 
@@ -132,4 +132,4 @@ lock: $(READY) ## new versions of all packages with their hashes, deploy/lock
 	$(LOCK) pyproject.toml --extra dev -c deploy/lock/demo.txt -o deploy/lock/dev.txt
 
 clean: ## remove the environment and results
-	rm -rf $(VENV) out build dist site *.egg-info common/kernels/libkernels.so
+	rm -rf $(VENV) out build dist site src/*.egg-info common/kernels/libkernels.so

@@ -9,7 +9,7 @@ from setuptools.command.bdist_wheel import bdist_wheel
 from setuptools.command.build_ext import build_ext
 
 KERNELS = Path("forefeel", "common", "kernels")
-spec = spec_from_file_location("kernels_build", KERNELS / "build.py")
+spec = spec_from_file_location("kernels_build", "src" / KERNELS / "build.py")
 kernels = module_from_spec(spec)
 spec.loader.exec_module(kernels)
 built_by = ""

@@ -107,7 +107,7 @@ def cyclictest(seconds: float) -> dict[str, float]:
 
 def cell(checkout: Path, seconds: float) -> dict[str, float]:
     """A loopback with the paper's impairment: processor time from `_SETTLE_S` after the session was open."""
-    environment = os.environ | {"PYTHONPATH": str(checkout)}
+    environment = os.environ | {"PYTHONPATH": f"{checkout / 'src'}:{checkout}"}
     with TemporaryDirectory() as folder:
         out = Path(folder) / "out"
         words = ["--impairment", "paper", "--seed", "1", "--duration", f"{seconds + 2 * _SETTLE_S:g}"]

@@ -26,6 +26,8 @@ from tests.secured import make_pki
 from tests.waiting import PATIENCE_S, wait_until
 
 ROOT = Path(__file__).parents[1]
+IMPORTS = f"{ROOT / 'src'}:{ROOT}"
+"""PYTHONPATH of a process that runs this checkout and its tests."""
 CELL, AXIS = "cell", "insertion"
 M = TypeVar("M", bound=Message)
 _MOST = 30_000
@@ -55,7 +57,7 @@ class Process:
         self.role = role
         self.log = folder / f"{role}.log"
         self.started_s = time.monotonic()
-        path = str(ROOT) if ahead is None else f"{ahead}:{ROOT}"
+        path = IMPORTS if ahead is None else f"{ahead}:{IMPORTS}"
         with self.log.open("ab") as log:
             self._from = log.tell()
             self.process = subprocess.Popen(

@@ -89,5 +89,5 @@ def test_the_image_is_built_of_files_that_there_are(instructions: list[tuple[str
 
 def test_the_image_holds_every_package_of_the_product(instructions: list[tuple[str, str]]) -> None:
     copied = " ".join(value for name, value in instructions if name == "COPY")
-    for package in ("common", "master", "slave", "forefeel"):
+    for package in ("common", "master", "slave", "src"):
         assert f" ./{package}" in copied

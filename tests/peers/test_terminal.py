@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from tests.commands.command_line import ROOT
+from tests.live_cell import IMPORTS
 
 
 def in_a_process(words: list[str], stdout: int, stderr: int, **variables: str) -> int:
-    environment = {"TERM": "xterm-256color", "COLUMNS": "120", "PYTHONPATH": str(ROOT), **variables}
+    environment = {"TERM": "xterm-256color", "COLUMNS": "120", "PYTHONPATH": IMPORTS, **variables}
     kept = {name: value for name, value in os.environ.items() if name not in ("NO_COLOR", "FORCE_COLOR")}
     command = [sys.executable, "-m", "forefeel", *words]
     return subprocess.run(
@@ -68,7 +68,7 @@ def test_a_bar_is_for_a_terminal_and_the_answer_for_a_pipe(simulation: list[str]
 
 def test_bash_itself_completes_with_the_script_that_is_installed(tmp_path: Path) -> None:
     command = tmp_path / "forefeel"
-    command.write_text(f'#!/bin/sh\nPYTHONPATH={ROOT} exec {sys.executable} -m forefeel "$@"\n')
+    command.write_text(f'#!/bin/sh\nPYTHONPATH={IMPORTS} exec {sys.executable} -m forefeel "$@"\n')
     command.chmod(0o755)
     script = f"""PATH={tmp_path}:$PATH
     eval "$(forefeel --show-completion)"

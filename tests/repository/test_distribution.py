@@ -8,8 +8,8 @@ ROOT = Path(__file__).parents[2]
 
 
 def test_three_links_lead_from_the_package_to_top_level_folders() -> None:
-    links = {path.name: str(path.readlink()) for path in (ROOT / "forefeel").rglob("*") if path.is_symlink()}
-    assert links == {name: f"../{name}" for name in ("common", "master", "slave")}
+    links = {path.name: str(path.readlink()) for path in (ROOT / "src").rglob("*") if path.is_symlink()}
+    assert links == {name: f"../../{name}" for name in ("common", "master", "slave")}
 
 
 def test_make_and_an_editable_installation_leave_the_library_of_these_sources() -> None:

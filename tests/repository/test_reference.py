@@ -3,20 +3,20 @@
 import re
 from collections.abc import Iterator
 from importlib import import_module
+from pkgutil import walk_packages
 
 import pytest
 from pydantic import BaseModel
 
+import forefeel
 from docs.hooks import command_line, configuration, markdown, messages
 from forefeel.common import messages as m
 from forefeel.common.config import Settings
 from forefeel.common.topics import BY_NAME
 from tests.commands.command_line import COMMANDS
 from tests.repository.commands import tree
-from tests.repository.pages import ROOT
 
-_PRODUCT = ("common", "slave", "master", "forefeel")
-_FILES = ("settings.py", "network_settings.py", "hardware/calibration.py", "dashboard/vessel.py")
+_MODULES = ("settings", "hardware.calibration", "report.vessel")
 _BASES = {  # never a section: what derives from them is
     "DaemonSettings", "SerialSettings", "DriverSettings", "StageDriverSettings", "GripperDriverSettings",
     "LoadCellDriverSettings", "HandleDriverSettings", "ScaledStageSettings", "CellSettings",
@@ -37,11 +37,10 @@ def subclasses(kind: type[BaseModel]) -> Iterator[type[BaseModel]]:
 
 def every_settings() -> list[type[BaseModel]]:
     """Not by way of the hook: every class of settings in any module that has some."""
-    for package in _PRODUCT:
-        for path in (ROOT / package).rglob("*.py"):
-            if str(path).endswith(_FILES):
-                import_module(".".join(path.relative_to(ROOT).with_suffix("").parts))
-    found = [each for each in subclasses(Settings) if each.__module__.split(".")[0] in _PRODUCT]
+    for module in walk_packages(forefeel.__path__, "forefeel."):
+        if module.name.endswith(_MODULES):
+            import_module(module.name)
+    found = [each for each in subclasses(Settings) if each.__module__.startswith("forefeel.")]
     return [each for each in dict.fromkeys(found) if each.__name__ not in _BASES]
 
 

@@ -16,7 +16,7 @@ from tests.commands.test_simulate import MODEL
 
 ROOT = Path(__file__).parents[2]
 OURS = "common", "master", "slave", "devices", "diagnosis", "studies", "tests"
-BUILT_FROM = ("pyproject.toml", "setup.py", "README.md", "LICENSE", "forefeel", "common", "master", "slave")
+BUILT_FROM = ("pyproject.toml", "setup.py", "README.md", "LICENSE", "src", "common", "master", "slave")
 
 SCRIPT = """
 import sys
@@ -101,15 +101,15 @@ def test_the_source_distribution_holds_what_the_library_is_built_of(source: Path
     with tarfile.open(built(source, "sdist")) as file:
         names = {Path(*Path(name).parts[1:]) for name in file.getnames()}
     kernels = Path("forefeel", "common", "kernels")
-    made_of = {kernels / path.name for path in LIBRARY.parent.glob("*.[ch]")}
-    assert made_of | {Path("setup.py"), kernels / "build.py"} <= names
-    assert kernels / LIBRARY.name not in names
+    made_of = {Path("src") / kernels / path.name for path in LIBRARY.parent.glob("*.[ch]")}
+    assert made_of | {Path("setup.py"), Path("src") / kernels / "build.py"} <= names
+    assert Path("src") / kernels / LIBRARY.name not in names
 
 
 def test_nothing_stands_beside_forefeel(installed: Path) -> None:
     found = {path.name for path in installed.iterdir()}
     assert found == {"forefeel", "forefeel-0.2.0.dist-info"}
-    templates = {str(path.relative_to(ROOT)) for path in (ROOT / "forefeel").glob("**/*.j2")}
+    templates = {str(path.relative_to(ROOT / "src")) for path in (ROOT / "src").glob("**/*.j2")}
     assert templates == {str(path.relative_to(installed)) for path in installed.glob("**/*.j2")}
     links = [path for path in installed.rglob("*") if path.is_symlink()]
     assert not links

@@ -7,8 +7,8 @@ from pathlib import Path
 
 RELATIVE = {"What", "Whether", "How", "Of", "Who", "Why", "Where", "As", "Whom", "Whose", "Which"}
 NAMELESS = {"found", "said", "told", "heard", "kept", "own", "seen", "each", "standing"}
-PRODUCT = "common", "master", "slave", "forefeel"
-SERIALISED = {("forefeel/doctor/checks.py", "found")}
+PRODUCT = "common", "master", "slave", "src"
+SERIALISED = {("src/forefeel/doctor/checks.py", "found")}
 """Keys of JSON, which stay."""
 DEFINITIONS = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from tests.live_cell import ROOT, LiveCell, free_port
+from tests.live_cell import IMPORTS, LiveCell, free_port
 from tests.peers.ros_wires import DOMAIN, TOPICS
 from tests.peers.ros_wires.router import router
 from tests.waiting import wait_until
@@ -37,7 +37,7 @@ def _listens(log: Path) -> bool:
 
 def measured(folder: Path, python: str, seconds: float) -> tuple[float, tuple[int, int]]:
     """Runs it all; returns the bridge's share of a core and the window in ns since 1970."""
-    port, environment = free_port(), {**os.environ, "PYTHONPATH": str(ROOT)}
+    port, environment = free_port(), {**os.environ, "PYTHONPATH": IMPORTS}
     with ExitStack() as stack, router(port), LiveCell(folder) as cell:
         readers = []
         for name, script in READERS.items():

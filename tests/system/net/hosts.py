@@ -10,7 +10,8 @@ from contextlib import contextmanager, suppress
 from itertools import count
 from pathlib import Path
 
-from tests.system.net.cable import MEASURING, ROOT, TunCable
+from tests.live_cell import IMPORTS
+from tests.system.net.cable import MEASURING, TunCable
 from tests.system.net.namespaces import ip, remove
 from tests.waiting import PATIENCE_S
 
@@ -54,7 +55,7 @@ class Hosts:
             process = subprocess.Popen(
                 command,
                 cwd=self.folder,
-                env={**os.environ, "PYTHONPATH": str(ROOT)},
+                env={**os.environ, "PYTHONPATH": IMPORTS},
                 stdin=subprocess.DEVNULL,
                 stdout=said,
                 stderr=said,

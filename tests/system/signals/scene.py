@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from tests.live_cell import ROOT, Process, free_port
+from tests.live_cell import IMPORTS, Process, free_port
 from tests.system.signals.cases import BENCH, MODEL, SLAVE
 from tests.unit.diagnosis_samples import FRICTION_N, made, put
 
@@ -17,7 +17,7 @@ COMMAND = [sys.executable, "-m", "forefeel"]
 def environment(folder: Path) -> dict[str, str]:
     return {
         **os.environ,
-        "PYTHONPATH": str(ROOT),
+        "PYTHONPATH": IMPORTS,
         "XDG_STATE_HOME": str(folder),
         "PYTHONDONTWRITEBYTECODE": "",
     }
