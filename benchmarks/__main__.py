@@ -48,7 +48,7 @@ class Benchmark:
 ALL = (
     Benchmark(
         "message_path",
-        "How long does a message take between two processes, beside other buses?",
+        "How long does a message take between two processes, with certificates, beside other buses?",
         True,
     ),
     Benchmark(
@@ -56,7 +56,6 @@ ALL = (
         "What does a cell cost, and how late are its loops, beside cyclictest?",
         programs=("cyclictest",),
     ),
-    Benchmark("security", "What do certificates and the gate cost?"),
     Benchmark("estimation", "Identification and prediction, beside padasip, statsmodels, filterpy"),
     Benchmark("prediction", "How far off is the predictor, beside others?", True, words=("--delays", "300")),
     Benchmark("prediction_figure", "The same over the delay: docs/assets/error-over-delay.svg"),
@@ -79,15 +78,14 @@ ALL = (
     Benchmark("hardware_service", "The service on simulated and on emulated devices"),
     Benchmark(
         "links",
-        "How does the service do over delayed and lost packets? (root)",
-        words=("--links", "default", "--seconds", "20"),
+        "How does the service do over delayed and lost packets, beside the injected run? (root)",
+        words=("--links", "default,injected", "--seconds", "20"),
     ),
     Benchmark(
         "reconnect",
         "How long does a session take to open, first and after a cut? (root)",
         words=("--losses", "0", "--times", "3"),
     ),
-    Benchmark("headline", "The headline of the README over packets, beside the injected run (root)"),
 )
 
 

@@ -9,7 +9,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,8 +18,10 @@ import yaml
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.transport.settings import ImpairmentSettings
 from forefeel.loopback.plan import LoopbackOptions, make_plan
+from forefeel.loopback.real import run_real
 from forefeel.report.model import RunReport
 from forefeel.report.summary import summarise
+from forefeel.terminal import bar
 from tests.secured import make_pki
 from tests.system.net.cable import ADDRESSES, MEASURING, TunCable
 from tests.system.net.hosts import Hosts, joined_by_tun
@@ -102,6 +104,19 @@ def route(there_s: float, back_s: float, loss: float = 0.0, jitter_s: float = JI
 def gate_for(route: Route) -> dict[str, float]:
     """Settings of the slave's gate for that route: the default limit of 700 ms leaves 600 ms no margin."""
     return {"max_round_trip_s": 1.0} if route.round_trip_s >= 0.6 else {}
+
+
+def injected_run(folder: Path, route: Route, duration_s: float, seed: int) -> RunReport:
+    """Both daemons on this host, as `forefeel loopback` runs them: their messages are delayed and lost."""
+    plan = make_plan(LoopbackOptions(seed=seed, duration_s=duration_s))
+    axis = plan.slave["axes"][0] | {"gate": gate_for(route)}
+    slave, master = (
+        {"impairment": {"inbound": way.model_dump(mode="json"), "seed": seed}}
+        for way in (route.there, route.back)
+    )
+    plan = replace(plan, slave=plan.slave | slave | {"axes": [axis]}, master=plan.master | master)
+    run_real(plan, folder, bar(duration_s), {})
+    return summarise(Run(folder / "recording.mcap"))
 
 
 class LinkedDaemons:

@@ -1,9 +1,10 @@
 """How the service does over a network, by link, round trip and loss: `python -m benchmarks.links` (as root).
 
-Two hosts as network namespaces, and a forwarder that delays and loses the IP packets between them: nothing is
-injected into the daemons. A row is one run, 60 s from the opened session on. `--links tls,default`, of those
-in `benchmarks.linked`; `--round-trips 300,200/10` in ms (there/back where they differ; +-5 ms each way);
-`--losses 0,1` in percent each way. From 600 ms on `gate.max_round_trip_s` is 1.0.
+Two hosts as network namespaces, and a forwarder that delays and loses the IP packets between them. A row is
+one run, 60 s from the opened session on. `--links tls,default`, of those in `benchmarks.linked`, or
+`injected`: both daemons on this host, and their messages delayed and lost so. `--round-trips 300,200/10` in
+ms (there/back where they differ; +-5 ms each way); `--losses 0,1` in percent each way. From 600 ms on
+`gate.max_round_trip_s` is 1.0.
 """
 
 import argparse
@@ -15,13 +16,15 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple, TypeVar
 
-from benchmarks.linked import JITTER_S, LINKS, LinkRun, Route, link_run, route
+from benchmarks.linked import JITTER_S, LINKS, Route, injected_run, link_run, route
 from benchmarks.markdown import Table
+from forefeel.report.model import RunReport
 
 COLUMNS = (
     "link", "round trip, ms", "loss, %", "seed", "open, s", "armed, %", "stops", "prediction / ZOH",
     "settled", "measured p50 / p99, ms", "packets/s there, back", "congestion control",
 )  # fmt: skip
+_INJECTED = "injected"
 _LONGEST_MS = 10_000.0
 """One way: the most that the forwarder takes."""
 T = TypeVar("T")
@@ -52,7 +55,7 @@ class Setting(NamedTuple):
 def main(words: Sequence[str]) -> None:
     """Prints each row as it comes."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.links")
-    add_options(parser, links="default,tls,udp", round_trips="100,300,600,200/10")
+    add_options(parser, (*LINKS, _INJECTED), "default,tls,udp", "100,300,600,200/10")
     parser.add_argument("--seconds", type=float, default=60.0, help="of each run, from the open session on")
     parser.add_argument("--seeds", type=listed(int), default="1", help="of operator, world and cable")
     asked = parser.parse_args(words)
@@ -64,24 +67,25 @@ def main(words: Sequence[str]) -> None:
 def row(setting: Setting, seed: int, seconds: float, congestion: str | None) -> list[str]:
     """One run; a link over which no session opens is a row, too."""
     with TemporaryDirectory(prefix="ff-") as folder:
+        if setting.link == _INJECTED:
+            report = injected_run(Path(folder), setting.route, seconds, seed)
+            return [*setting.cells, str(seed), "-", *_figures(report), "-", "-"]
         try:
             run = link_run(Path(folder), LINKS[setting.link], setting.route, seconds, seed, congestion)
         except AssertionError as error:
             return [*setting.cells, str(seed), str(error)]
-    return [*setting.cells, str(seed), *_figures(run)]
+    packets_s = ", ".join(f"{run.packets_s(way):.0f}" for way in ("there", "back"))
+    opened = [*setting.cells, str(seed), f"{run.open_s:.1f}"]
+    return [*opened, *_figures(run.report), packets_s, run.congestion]
 
 
-def _figures(run: LinkRun) -> list[str]:
-    report = run.report
+def _figures(report: RunReport) -> list[str]:
     return [
-        f"{run.open_s:.1f}",
         f"{100 * (report.armed_share or 0.0):.1f}",
         f"{report.stops}",
         ratio(report.ratio),
         ratio(report.settled.ratio),
         " / ".join(milliseconds(each) for each in (report.delay_s.p50, report.delay_s.p99)),
-        f"{run.packets_s('there'):.0f}, {run.packets_s('back'):.0f}",
-        run.congestion,
     ]
 
 
@@ -98,9 +102,15 @@ def milliseconds(value_s: float | None) -> str:
 # --- options ---
 
 
-def add_options(parser: argparse.ArgumentParser, links: str, round_trips: str) -> None:
-    """Those of every benchmark over packets."""
-    parser.add_argument("--links", type=listed(_link), default=links, help=", ".join(LINKS))
+def add_options(parser: argparse.ArgumentParser, links: Sequence[str], usual: str, round_trips: str) -> None:
+    """Those of every benchmark over packets; `usual`: the links that are measured without a word."""
+
+    def link(text: str) -> str:
+        if text not in links:
+            raise argparse.ArgumentTypeError(f"{text!r}: expected one of {', '.join(links)}")
+        return text
+
+    parser.add_argument("--links", type=listed(link), default=usual, help=", ".join(links))
     parser.add_argument("--round-trips", type=listed(_delays), default=round_trips, help="ms, or there/back")
     parser.add_argument(
         "--losses", type=listed(percent), default="0,0.1,1", help="percent of packets each way"
@@ -130,12 +140,6 @@ def listed(one: Callable[[str], T]) -> Callable[[str], list[T]]:
 
     read.__name__ = "list"  # argparse names it where a ValueError is raised
     return read
-
-
-def _link(text: str) -> str:
-    if text not in LINKS:
-        raise argparse.ArgumentTypeError(f"{text!r}: expected one of {', '.join(LINKS)}")
-    return text
 
 
 def _delays(text: str) -> tuple[float, float]:

@@ -25,7 +25,7 @@ BOUNDS_S = {100.0: 3.0, 300.0: 5.0, 600.0: 8.0}
 def main(words: Sequence[str]) -> None:
     """Prints each row as it comes."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.reconnect")
-    add_options(parser, links="default", round_trips="100,300,600")
+    add_options(parser, tuple(LINKS), "default", "100,300,600")
     parser.add_argument("--times", type=int, default=10, help="how often it opens, and how often it is cut")
     parser.add_argument("--cut", type=float, default=5.0, help="how long a cut lasts, in s")
     asked = parser.parse_args(words)

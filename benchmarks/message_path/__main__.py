@@ -14,14 +14,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from statistics import median
+from tempfile import TemporaryDirectory
 
 from benchmarks.message_path.direct_ways import Grpc, ZeroMq
 from benchmarks.message_path.ends import Way, summary
-from benchmarks.message_path.zenoh_ways import BareZenoh, GatedInCallback, Own, OwnAsyncio
+from benchmarks.message_path.zenoh_ways import (
+    BareZenoh,
+    GatedInCallback,
+    Own,
+    OwnAsyncio,
+    SecuredOwn,
+    SecuredZenoh,
+)
 from forefeel.common.runtime.realtime import prepare_process
+from tests.secured import make_pki
 
 WAYS: dict[str, type[Way]] = {
-    way.__name__: way for way in (BareZenoh, GatedInCallback, Own, OwnAsyncio, ZeroMq, Grpc)
+    way.__name__: way
+    for way in (BareZenoh, SecuredZenoh, GatedInCallback, Own, SecuredOwn, OwnAsyncio, ZeroMq, Grpc)
 }
 _ROUNDS, _WARM_TRIPS, _TRIPS = 11, 500, 3000  # rounds; in each, round trips that are not counted and that are
 _PLAIN = "BareZenoh"
@@ -35,12 +45,14 @@ def main() -> None:
     options = parser.parse_args()
     found: dict[str, list[Times]] = {}
     missing: dict[str, str] = {}
-    for number in range(options.rounds):
-        for name in reversed(WAYS) if number % 2 else WAYS:
-            try:
-                found.setdefault(name, []).append(_measured(name))
-            except ImportError as error:
-                missing[name] = str(error)
+    with TemporaryDirectory() as folder:
+        pki = make_pki(Path(folder) / "pki")
+        for number in range(options.rounds):
+            for name in reversed(WAYS) if number % 2 else WAYS:
+                try:
+                    found.setdefault(name, []).append(_measured(name, pki))
+                except ImportError as error:
+                    missing[name] = str(error)
     rows = table(found)
     print(text(rows, missing))
     if options.json is not None:
@@ -56,7 +68,7 @@ def table(found: dict[str, list[Times]]) -> list[dict[str, object]]:
             continue
         ratios = [own[0] / other[0] for own, other in zip(rounds, plain, strict=True)]
         p50, p99, p999 = (median(each[at] for each in rounds) for at in range(3))
-        way = kind(0)
+        way = kind(0, Path())
         rows.append({
             "way": way.name, "p50_us": p50, "p99_us": p99, "p999_us": p999, "ratio": median(ratios),
             "lost": sum(each[3] for each in rounds), "version": way.version(),
@@ -76,11 +88,12 @@ def text(rows: list[dict[str, object]], missing: dict[str, str]) -> str:
     return "\n".join(lines)
 
 
-def _measured(name: str) -> Times:
+def _measured(name: str, pki: Path) -> Times:
     with socket.create_server(("127.0.0.1", 0)) as probe:
         port = probe.getsockname()[1]
-    with _echo(name, port):
-        command = [sys.executable, "-m", "benchmarks.message_path", "measure", name, str(port)]
+    words = name, str(port), str(pki)
+    with _echo(*words):
+        command = [sys.executable, "-m", "benchmarks.message_path", "measure", *words]
         done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     if done.returncode != 0:
         last = (done.stderr.splitlines() or ["nothing said"])[-1]
@@ -94,8 +107,8 @@ def _measured(name: str) -> Times:
 
 
 @contextmanager
-def _echo(name: str, port: int) -> Iterator[None]:
-    command = [sys.executable, "-m", "benchmarks.message_path", "echo", name, str(port)]
+def _echo(name: str, port: str, pki: str) -> Iterator[None]:
+    command = [sys.executable, "-m", "benchmarks.message_path", "echo", name, port, pki]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
@@ -111,8 +124,8 @@ def _echo(name: str, port: int) -> Iterator[None]:
             process.stdin.close()
 
 
-def _end(what: str, name: str, port: int) -> None:
-    way = WAYS[name](port)
+def _end(what: str, name: str, port: str, pki: str) -> None:
+    way = WAYS[name](int(port), Path(pki))
     prepare_process()
     if what == "echo":
         way.echo(lambda: print("ready", flush=True))
@@ -122,6 +135,6 @@ def _end(what: str, name: str, port: int) -> None:
 
 if __name__ == "__main__":
     if sys.argv[1:2] in (["echo"], ["measure"]):
-        _end(sys.argv[1], sys.argv[2], int(sys.argv[3]))
+        _end(*sys.argv[1:])
     else:
         main()

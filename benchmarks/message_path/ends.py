@@ -5,6 +5,7 @@ import sys
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 from statistics import quantiles
 
 from benchmarks.gated import command
@@ -59,8 +60,8 @@ class Way(ABC):
 
     name: str
 
-    def __init__(self, port: int) -> None:
-        self.port = port
+    def __init__(self, port: int, pki: Path) -> None:
+        self.port, self.pki = port, pki
 
     @abstractmethod
     def version(self) -> str:

@@ -15,6 +15,7 @@ from benchmarks.message_path.ends import Stopwatch, Way, input_ended, paced
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.topics import COMMAND, FORCE, Qos
 from forefeel.common.transport.port import Put
+from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 
@@ -24,15 +25,22 @@ _CLOCK = MonotonicClock()
 
 
 class _ZenohWay(Way):
-    """The measuring end is the same for all: Zenoh's own callback."""
+    """The measuring end is the same for all: Zenoh's own callback. `secured`: by mTLS and access control."""
+
+    secured = False
 
     def version(self) -> str:
         return f"eclipse-zenoh {version('eclipse-zenoh')}"
 
     def _open(self, listens: bool) -> ZenohTransport:
-        endpoint = (f"tcp/127.0.0.1:{self.port}",)
-        settings = TransportSettings(listen=endpoint if listens else (), connect=() if listens else endpoint)
-        return ZenohTransport.open(settings, _CLOCK, _raise)
+        endpoint = (f"{'tls' if self.secured else 'tcp'}/127.0.0.1:{self.port}",)
+        settings = TransportSettings(
+            listen=endpoint if listens else (),
+            connect=() if listens else endpoint,
+            pki=self.pki if self.secured else None,
+        )
+        party = Party("slave" if listens else "master", (_CELL,))
+        return ZenohTransport.open(settings, _CLOCK, _raise, party)
 
     def measure(self, warm: int, count: int) -> list[float]:
         transport, watch = self._open(listens=False), Stopwatch()
@@ -99,6 +107,16 @@ class Own(_ZenohWay):
         ready()
         sys.stdin.read()
         transport.close()
+
+
+class SecuredZenoh(BareZenoh):
+    name = "Zenoh, bare callbacks, mTLS"
+    secured = True
+
+
+class SecuredOwn(Own):
+    name = "forefeel, mTLS"
+    secured = True
 
 
 class OwnAsyncio(_ZenohWay):
