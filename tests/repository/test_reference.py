@@ -9,8 +9,10 @@ import pytest
 from pydantic import BaseModel
 
 import forefeel
-from docs.hooks import command_line, configuration, markdown, messages
+from docs.hooks import causes, command_line, configuration, markdown, messages
 from forefeel.common import messages as m
+from forefeel.common.causes.base import Effect
+from forefeel.common.causes.registry import OWN
 from forefeel.common.config import Settings
 from forefeel.common.topics import BY_NAME
 from tests.commands.command_line import COMMANDS
@@ -101,6 +103,14 @@ def test_every_topic_and_message_is_named() -> None:
     assert list(rows(page, "Message")) == list(m.Message.model_fields)
     for state in m.SafetyState:
         assert f"`{state.value}`" in page.split("{ #SafetyState }")[1]
+
+
+@pytest.mark.parametrize("kind", OWN.values(), ids=lambda kind: kind.name)
+def test_every_cause_is_named_with_its_parameters(kind: type[Effect]) -> None:
+    shown = rows(causes.page(), kind.name)
+    assert {name: values[0] for name, values in shown.items()} == {
+        each.name: each.unit for each in kind.parameters
+    }
 
 
 @pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
