@@ -381,7 +381,6 @@ def main(words: Sequence[str]) -> None:
     )
     parser.add_argument("--ablation", action="store_true", help="of forefeel alone")
     parser.add_argument("--json", type=Path, metavar="FILE", help="the figures, too")
-    parser.add_argument("--figure", type=Path, metavar="FILE", help="SVG over the delays; of zoh at 300, too")
     asked = parser.parse_args(words)
     recordings = {} if asked.data is None else measured(asked.data)
     methods = [
@@ -404,13 +403,9 @@ def main(words: Sequence[str]) -> None:
     if asked.generated:
         seeds = range(asked.first_seed, asked.first_seed + asked.generated)
         rows += stressed(seeds, asked.delays, methods, networks)
-    if asked.figure is not None:
-        from benchmarks.prediction_figure import draw  # noqa: PLC0415 - matplotlib is needed here alone
-
-        known = [row for row in rows if row.kind == "recordings"]
-        draw(asked.figure, {(r.recording, round(1e3 * r.delay_s), r.method): r.rms_n for r in known}, methods)
     if asked.json is not None:
         asked.json.write_text(json.dumps({"rows": [asdict(row) for row in rows]}, indent=1) + "\n")
+    return rows
 
 
 def _installed(name: str) -> bool:

@@ -4,7 +4,7 @@ It prints the tables of `benchmarks.prediction` at the picture's delays for the 
 them.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from textwrap import fill
 
@@ -12,6 +12,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
+from benchmarks.prediction import main
 from forefeel.diagnosis.evaluation.delays import CLINICAL_DELAYS, CLINICAL_SOURCES
 
 _UNIT_MS = 300.0  # the late force's error at this delay is 1
@@ -21,10 +22,9 @@ _WORN: Mapping[str, tuple[str, str, str]] = {
     "forefeel": ("#0868ac", "-", "forefeel"),
 }
 _OTHERS = ("#7a8797", "#c2410c", "#946200", "#007f5f")
-_WORDS = (
-    "--delays", "20,60,120,250,300,450,600", "--methods", "zoh,paper,mbk_bias,kernel_ridge,forefeel",
-    "--demo", "--figure", "docs/assets/error-over-delay.svg",
-)  # fmt: skip
+_DELAYS_MS = "20,60,120,250,300,450,600"
+_METHODS = "zoh", "paper", "mbk_bias", "kernel_ridge", "forefeel"
+_PICTURE = Path(__file__).parents[1] / "docs" / "assets" / "error-over-delay.svg"
 
 
 def relative(sizes_n: Mapping[tuple[str, float, str], float | None], method: str, delay_ms: float) -> float:
@@ -39,7 +39,7 @@ def relative(sizes_n: Mapping[tuple[str, float, str], float | None], method: str
     return float(np.exp(np.mean(np.log(parts))))
 
 
-def draw(path: Path, sizes_n: Mapping[tuple[str, float, str], float | None], methods: Sequence[str]) -> None:
+def draw(path: Path, sizes_n: Mapping[tuple[str, float, str], float | None]) -> None:
     """Writes the picture, the same bytes for the same numbers."""
     delays_ms = sorted({at_ms for _, at_ms, _ in sizes_n})
     n = len({name for name, _, _ in sizes_n})
@@ -47,7 +47,7 @@ def draw(path: Path, sizes_n: Mapping[tuple[str, float, str], float | None], met
         figure = Figure(figsize=(8.0, 3.8), layout="constrained")
         axes = figure.subplots()
         others = iter(_OTHERS)
-        for method in methods:
+        for method in _METHODS:
             colour, dash, label = _WORN.get(method) or (next(others), ":", method)
             values = [relative(sizes_n, method, at_ms) for at_ms in delays_ms]
             axes.plot(delays_ms, values, dash, color=colour, marker="o", markersize=3, label=label)
@@ -59,11 +59,11 @@ def draw(path: Path, sizes_n: Mapping[tuple[str, float, str], float | None], met
             xlim=(0.0, max(delays_ms)), ylim=(0.0, _LARGEST), xlabel=f"round trip, ms   ({CLINICAL_SOURCES})",
             ylabel=f"error; late force at {_UNIT_MS:g} ms = 1\n(geometric mean of {n} recordings)",
         )  # fmt: skip
-        figure.legend(loc="outside lower center", ncols=len(methods))
+        figure.legend(loc="outside lower center", ncols=len(_METHODS))
         figure.savefig(path, metadata={"Date": None})
 
 
 if __name__ == "__main__":
-    from benchmarks.prediction import main
-
-    main(_WORDS)
+    rows = main(("--delays", _DELAYS_MS, "--methods", ",".join(_METHODS), "--demo"))
+    known = [row for row in rows if row.kind == "recordings"]
+    draw(_PICTURE, {(row.recording, round(1e3 * row.delay_s), row.method): row.rms_n for row in known})
