@@ -365,8 +365,8 @@ def _delay(text: str) -> float:
     return DelayedLink(1e-3 * float(text)).delay_s
 
 
-def main(words: Sequence[str]) -> None:
-    """Prints the tables."""
+def main(words: Sequence[str]) -> list[Row]:
+    """Prints the tables, and returns what they hold."""
     data = os.environ.get("FOREFEEL_DATA")
     parser = argparse.ArgumentParser(prog="python -m benchmarks.prediction")
     parser.add_argument("--data", type=Path, default=Path(data) if data else None, help="recordings as CSV")

@@ -116,7 +116,8 @@ def _names(kind: type[Message]) -> set[str]:
 def _struct(kind: type[Message]) -> type[msgspec.Struct]:
     """Makes the msgspec struct of a message type: its fields with type, range and default, and no others.
 
-    An array is built as long as it claims to be, so that `most_items` bounds each without an own limit.
+    Decoding builds an array of whatever length the bytes claim, hence the type's `most_items` bounds every
+    array field that states no bound.
     """
     hints = get_type_hints(kind, include_extras=True)
     fields = [

@@ -58,8 +58,9 @@ class RenderingWatch:
         self.ends = deadman and (self.ends or self._wrong_s > _END_S)
 
     def _wrong(self, newest: ForceSample, predicted: Estimate, rendered: Rendered) -> bool:
-        """True if the prediction is no number or further from the measured force than its band and the motion
-        since allow, or if a clear force is not rendered though the passivity limit did not act.
+        """True if the prediction is no number, or is further from the measured force than a share of the
+        force, half of its band and the motion since allow; or if both forces are clear and none is rendered
+        though the passivity limit did not act. Where the late force is rendered, it is the prediction here.
         """
         measured_n = newest.force_n
         predicted_n = measured_n if self._feels_zoh else predicted.force_n

@@ -96,7 +96,7 @@ def _fields(
 def _entry(value: object, place: str) -> EffectEntry:
     fields = _fields(value, place, required=("effect",), optional=("site", "column", "parameters"))
     kind = _kind(fields["effect"], f"{place}.effect")
-    site = _site(fields.get("site"), kind, f"{place}.site")
+    site = _checked_site(fields.get("site"), kind, f"{place}.site")
     where = f"{place}.parameters"
     parameters = kind.complete(_mapping(fields.get("parameters", {}), where), where)
     column = fields.get("column", "")
@@ -115,7 +115,10 @@ def _kind(name: object, place: str) -> type[Effect]:
         raise ValueError(f"{place}: {error}") from error
 
 
-def _site(site: object, kind: type[Effect], place: str) -> Site | None:
+def _checked_site(site: object, kind: type[Effect], place: str) -> Site | None:
+    """Returns `site` if it is a name of Site, or None. Raises ValueError, which names `place`: another value,
+    or one for an effect that adds no force.
+    """
     if site is None:
         return None
     if not issubclass(kind, ForceEffect):

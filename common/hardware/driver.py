@@ -123,8 +123,9 @@ def driver_settings(slot: Slot, optional: bool = False) -> BeforeValidator:
     """
 
     def read(data: object, info: ValidationInfo) -> object:
-        """Validates a section by the settings of the driver that it names; returns DriverSettings as they
-        are. Raises ValueError: no mapping, or a driver that can not be imported; PydanticKnownError: none is
+        """Validates a section by the settings of the driver that it names, of those installed for the `slot`
+        of the enclosing call; returns DriverSettings, and None where `optional`, as they are. Raises
+        ValueError: no mapping, or a driver that can not be imported; PydanticKnownError: none is
         named, or none of that name is installed for the slot.
         """
         if isinstance(data, DriverSettings) or (optional and data is None):

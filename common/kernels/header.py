@@ -26,7 +26,7 @@ def header() -> str:
             "",
             *_wrapped("enum { ", [f"{name} = {value}" for name, value in _counts().items()], " };"),
             *(f"static const double {name} = {value!r};" for name, value in _numbers().items()),
-            *(f"static const {kind} {name}[] = {{{values}}};" for kind, name, values in _lists()),
+            *(f"static const {kind} {name}[] = {{{values}}};" for kind, name, values in _constant_arrays()),
             "",
             *(f"typedef struct {{\n{members}\n}} {name};\n" for name, members in structs.items()),
             *_wrapped("static const struct { const char *name; long size; } RECORDS[] = { ", sizes, " };"),
@@ -63,7 +63,8 @@ def _numbers() -> Mapping[str, float]:
     return {"GAP_S": state_filter.GAP_S, "NO_OCTAVE": bank.NO_OCTAVE}
 
 
-def _lists() -> Iterator[tuple[str, str, str]]:
+def _constant_arrays() -> Iterator[tuple[str, str, str]]:
+    """Yields C type, name and comma-separated values of each."""
     for kind, name, values in (
         ("int", "SPANS", bank.SPANS),
         ("double", "RELAXATIONS_S", bank.RELAXATIONS_S),

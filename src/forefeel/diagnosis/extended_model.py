@@ -25,9 +25,9 @@ FIXTURE = "unmodelled_resonance:fixture"
 
 
 def extended_model(analysis: Analysis, name: str) -> ContactModel:
-    """Makes the contact model, called `name`, of mass, damper, spring, every cause of the fit and then the
-    sensor's faults; a positive force resists. A resonance of the fixture is replaced by a free one,
-    coefficients fitted anew.
+    """Makes the contact model `name` of the fitted mass, damper and spring, every cause of the fit and then
+    the sensor's faults, signed so that a positive force resists. A resonance of the fixture becomes a free
+    one, for which all coefficients are fitted anew.
     """
     regression, fit = analysis.regression, analysis.fit
     if FIXTURE in fit.model:  # with m, b and k the hanging mass spans a weak fixture, too

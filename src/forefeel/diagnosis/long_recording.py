@@ -242,9 +242,9 @@ class Whole:
         return analyse(part, self.progress, self.names, parts_s)
 
     def _stretches(self, worst: Sequence[int]) -> Mask:
-        """Mask of half of the liveliest stretch, and of short ones in the middle of six chunks over the whole
-        length and of the `worst`, by number; of several recordings joined, only one in each and in the
-        `worst`.
+        """Mask of the middle half of the liveliest stretch and, as long in sum, of equal pieces in the middle
+        of six chunks over the whole length and of the `worst`, by number. Of joined recordings: of pieces in
+        one chunk of each and in the `worst` alone, in sum one stretch long.
         """
         length_s = stretch_s(self.recording)
         rows = np.zeros(len(self.recording), dtype=np.bool_)

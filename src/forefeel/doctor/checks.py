@@ -322,9 +322,9 @@ def check_disk(folder: Path, host: HostProbe) -> Iterator[Finding]:
 
 
 def check_loop(loop: LoopCheck, priority: int) -> Iterator[Finding]:
-    """Yields findings on scheduling, locked memory and lateness of the 1 kHz loop that was run. The first two
-    are amber where the host does not permit them (priority 0 asks for none); lateness and missed ticks are
-    green, amber or red.
+    """Yields three findings on the 1 kHz loop that was run: scheduling, amber if it was not SCHED_FIFO though
+    `priority` asks for it; memory, amber if it was not locked; lateness with missed ticks, green, amber or
+    red, which a loop that never ticked is, too.
     """
     granted = {"scheduling": not priority or loop.scheduling.startswith("SCHED_FIFO")}
     granted["memory"] = loop.memory == "memory locked"

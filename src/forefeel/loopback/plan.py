@@ -193,7 +193,7 @@ def make_plan(options: LoopbackOptions) -> Plan:
         notes = play(recording, _source(options), slave_axis, master_axis)
         duration_s = options.duration_s
         expected_s = min(duration_s or recording.duration_s, recording.duration_s)
-    _load_models(options, slave_axis, master_axis)
+    _enter_models(options, slave_axis, master_axis)
     metadata = _metadata(options)
     if options.prior_dir is not None:
         master_axis.setdefault("prediction", {}).update(
@@ -293,9 +293,10 @@ def _metadata(options: LoopbackOptions) -> dict[str, str]:
     }
 
 
-def _load_models(options: LoopbackOptions, slave_axis: dict[str, Any], master_axis: dict[str, Any]) -> None:
-    """Checks the model files of the options and enters their paths into the settings of both axes, in place.
-    ConfigurationError: no model, or a `--master-model` without a linear parameter; or as `_hide`.
+def _enter_models(options: LoopbackOptions, slave_axis: dict[str, Any], master_axis: dict[str, Any]) -> None:
+    """Checks the model files that the options name and enters their paths into the settings of both axes, in
+    place, the one of `--hide` into the slave's world (`_hide`). Raises ConfigurationError: no model, a
+    `--master-model` without a linear parameter, or as `_hide`.
     """
     if options.slave_model is not None:
         load_model(options.slave_model)  # for an error that names the file and nothing around it

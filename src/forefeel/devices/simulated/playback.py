@@ -61,8 +61,9 @@ class Playback(SimulatedHandle):
         return force_n
 
     def read(self, now_ns: int) -> HandleReading:
-        """Advances the playback to `now_ns` and returns where the hand is: at the stage until armed, then on
-        the way to the start of the piece, then in it, with the time of the recording.
+        """Advances the simulated person and the playback to `now_ns` and returns where the hand is. It waits
+        at the stage while the person does not move, and where it is once the piece has ended; else it goes to
+        the start of the piece and then plays it, with the time of the recording.
         """
         dt_s = self._step_s(now_ns)
         self.person.look(now_ns * 1e-9, self._indication.state)
