@@ -52,8 +52,9 @@ def check_exposure(
 
 
 def _refuse_plain_beside_secured(listen: Sequence[str], connect: Sequence[str], secured: bool) -> None:
-    """Raises EndpointError: beside certificates (`secured`) a plain endpoint, or an option after `#` that
-    could undo them; without certificates a plain listener beside a tls/ or quic/ one.
+    """Raises EndpointError: with certificates (`secured`) for a plain endpoint, or for an option after `#`
+    that is not one of `_OURS`, as it could undo them; without, for a plain listener beside a tls/ or quic/
+    one.
     """
     plain = [endpoint for endpoint in listen if not _is_secured(endpoint)]
     if plain and (secured or len(plain) < len(listen)):

@@ -137,9 +137,10 @@ class ParallelTransport:
         return poll
 
     def _receivers(self, key: str) -> Iterator[tuple[ZenohTransport, str]]:
-        """Yields the sessions that subscribe to a key, and the key there: each of several connections with
-        its number for what takes turns, with the plain key the session that listens, and the first for all
-        else. An emergency stop takes turns and comes on the first, too.
+        """Yields each session that subscribes to a key, with its key there. Where there are several
+        connections and the key's topic takes turns: each of them, with its number in the key, and the session
+        that listens, with the plain key. Any other topic, and an emergency stop besides: the first connection
+        and the session that listens, with the plain key.
         """
         topic = crossing(key)
         plain: tuple[ZenohTransport, ...] = self._plain
