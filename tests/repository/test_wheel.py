@@ -88,7 +88,7 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_one_wheel_for_every_python_of_a_platform(wheel: Path) -> None:
-    assert wheel.name == f"forefeel-0.2.0-py3-none-linux_{platform.machine()}.whl"
+    assert wheel.name == f"forefeel-0.3.0-py3-none-linux_{platform.machine()}.whl"
 
 
 def test_the_wheel_holds_the_library_and_its_sources(installed: Path) -> None:
@@ -108,12 +108,12 @@ def test_the_source_distribution_holds_what_the_library_is_built_of(source: Path
 
 def test_nothing_stands_beside_forefeel(installed: Path) -> None:
     found = {path.name for path in installed.iterdir()}
-    assert found == {"forefeel", "forefeel-0.2.0.dist-info"}
+    assert found == {"forefeel", "forefeel-0.3.0.dist-info"}
     templates = {str(path.relative_to(ROOT / "src")) for path in (ROOT / "src").glob("**/*.j2")}
     assert templates == {str(path.relative_to(installed)) for path in installed.glob("**/*.j2")}
     links = [path for path in installed.rglob("*") if path.is_symlink()]
     assert not links
-    assert (installed / "forefeel-0.2.0.dist-info" / "licenses" / "LICENSE").exists()
+    assert (installed / "forefeel-0.3.0.dist-info" / "licenses" / "LICENSE").exists()
 
 
 def test_a_project_with_folders_of_the_same_names(installed: Path, tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ def resimulate(run: Run, axis: str) -> tuple[Floats, int]:
     if samples[0].snapshot is None:
         raise RecordingError(
             f"{where}: protocol {samples[0].protocol} does not say what a prediction knew; expected "
-            "protocol 7 or later, of a forefeel after 0.2.0"
+            "protocol 7 or later (forefeel 0.3.0)"
         )
     if samples[0].sequence != 1:
         raise RecordingError(
