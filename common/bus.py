@@ -56,13 +56,12 @@ def observed(
     step: int = 1,
     first: int = 0,
 ) -> list[tuple[M, int]]:
-    """Messages that an observer receives under the key of a topic, each with its receive stamp; of a batch
-    those that `step` and `first` pick, see `decode_batch`.
-
-    The last one of a batch now, the others so much before as they were sent before it.
+    """Decodes what an observer receives under the key of a topic: one message, or those of a batch that
+    `step` and `first` pick (see `decode_batch`). Returns each with its receive stamp: `receive_ns` for the
+    newest, for others as much earlier as their stamps are, at most 1 s.
 
     Raises:
-        CodecError: the bytes are none.
+        CodecError: the bytes are no such message or batch.
     """
     if not topic.batched:
         return [(codec.decode(topic.message, payload), receive_ns)]
@@ -72,7 +71,7 @@ def observed(
 
 
 class Bus:
-    """One axis of one cell on a transport.
+    """Publishes and subscribes the topics of one axis of one cell over a transport.
 
     Args:
         rings: of the flight recorder, which get each payload, in and out, as `(stamp_ns, payload)`.
@@ -93,9 +92,9 @@ class Bus:
         self.malformed: Counter[str] = Counter()
 
     def publisher(self, topic: Topic[Message]) -> Publisher:
-        """Publisher that sends each message at once, or only into a batch for observers, sent by
-        `end_batches`; a batched topic that crosses to the other end does both. Payloads also go into the
-        flight ring, if there is one. Asserts `topic.published`.
+        """Makes the publisher of a topic (asserts `topic.published`). It sends each message at once; of a
+        batched topic into a batch for observers, which `end_batches` sends, and at once too if the topic
+        crosses to the other end. Payloads also go into the flight ring, if there is one.
         """
         assert topic.published, topic.name
         key = topic.key(self._cell, self._axis)
@@ -113,7 +112,9 @@ class Bus:
         return Publisher(self._codec, puts)
 
     def end_batches(self, now_ns: int, last: bool = False) -> None:
-        """Sends and empties the batches for observers, every 20 ms or with `last`; called at each tick."""
+        """Sends and empties the batches for observers if 20 ms have passed since it last did, or with `last`;
+        else does nothing. Called at each tick.
+        """
         if now_ns - self._batched_ns < BATCH_NS and not last:
             return
         self._batched_ns = now_ns
@@ -129,16 +130,18 @@ class Bus:
         handler: Callable[[M, int], None],
         on_malformed: Callable[[], None] | None = None,
     ) -> None:
-        """Calls `handler(message, receive_ns)` for each message, or counts and calls `on_malformed`."""
-        self._transport.subscribe(*self._received(topic, handler, on_malformed))
+        """Subscribes `handler(message, receive_ns)`, called by the transport's thread for each message. A
+        payload that is no message is counted in `malformed` and calls `on_malformed`.
+        """
+        self._transport.subscribe(*self._receiver(topic, handler, on_malformed))
 
     def polled(self, topic: Topic[M], handler: Callable[[M, int], None]) -> Poll:
-        """Subscribes without a thread: the function that it returns calls `handler(message, receive_ns)` for
-        each message that waits, in the order of their sequence numbers. Malformed payloads are counted.
+        """Subscribes without a thread; the returned function calls `handler(message, receive_ns)` for each
+        message that waits, in the order of their sequence numbers. Malformed payloads are counted.
         """
         waiting: list[tuple[M, int]] = []
         take = self._transport.polled(
-            *self._received(topic, lambda message, receive_ns: waiting.append((message, receive_ns)))
+            *self._receiver(topic, lambda message, receive_ns: waiting.append((message, receive_ns)))
         )
 
         def poll() -> None:
@@ -152,22 +155,22 @@ class Bus:
 
         return poll
 
-    def _received(
+    def _receiver(
         self,
         topic: Topic[M],
         handler: Callable[[M, int], None],
         on_malformed: Callable[[], None] | None = None,
     ) -> tuple[str, Handler]:
-        """Key to subscribe to, and a handler of payloads that decodes them for `handler(message,
-        receive_ns)`. A payload that is no message is counted in `malformed` and calls `on_malformed`. Each
-        one goes into the flight ring, if there is one.
+        """Key to subscribe to, and a payload handler that decodes for `handler(message, receive_ns)`. A
+        payload that is no message is counted in `malformed` and calls `on_malformed`. Each payload also goes
+        into the flight ring, if there is one.
         """
         kind, name, malformed, decode = topic.message, topic.name, self.malformed, self._codec.decode
         key = topic.key(self._cell, self._axis)
         received = None if self._rings is None else self._rings.ring(key).received
 
         def receive(payload: bytes, receive_ns: int) -> None:
-            """Keeps a payload in the flight ring, decodes it for `handler`; counts and reports a bad one."""
+            """Adds a payload to the flight ring, decodes it for `handler`; counts and reports a bad one."""
             if received is not None:
                 received(payload, receive_ns)
             try:

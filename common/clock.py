@@ -25,7 +25,7 @@ class SleepingClock(Clock, Protocol):
     """A clock that can be waited for."""
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
-        """Returns at that stamp."""
+        """Sleeps until that stamp."""
         ...
 
 

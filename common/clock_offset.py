@@ -62,28 +62,29 @@ class OffsetEstimate:
     rate_ppm: float = 0.0
 
     def ahead_ns(self, inward_ns: int) -> int:
-        """Least time by which a message was stamped in the future, whose transit was `inward_ns` = receive -
-        stamp; 0 where it may not have been.
-
-        The clocks may have parted since the outward transit, which is up to a second and a round trip old.
+        """Time, at least, by which a message was stamped ahead of our clock; 0 where it may not have been.
+        `inward_ns`: its receive stamp minus its stamp.
         """
+        # the clocks may have parted since the outward transit, which is up to a second and a round trip old
         parted_ns = (_RECENT_NS + self.round_trip_ns) // DRIFT_DIVISOR
         return max(0, -inward_ns - self.outward_ns - parted_ns)
 
     def excess_ns(self, inward_ns: int) -> int:
-        """Time by which the round trip that it completes exceeds the smallest one of the session."""
+        """Time by which the round trip of a message exceeds the smallest one of the session: `inward_ns`, its
+        receive stamp minus its stamp, and the newest outward transit.
+        """
         return inward_ns + self.outward_ns - self.least_round_trip_ns
 
 
 class _Smallest(Generic[V]):
-    """The smallest value of a span of time; one that came before a smaller one is forgotten."""
+    """Minimum over a sliding window of `span_ns`."""
 
     def __init__(self, span_ns: int) -> None:
         self._span_ns = span_ns
         self._candidates: deque[tuple[int, V]] = deque()
 
     def with_newest(self, stamp_ns: int, value: V) -> V:
-        """Adds a value; returns the smallest of the span that ends at `stamp_ns`, which must not go back."""
+        """Adds a value; returns the smallest of the window up to `stamp_ns`, which must not go back."""
         candidates = self._candidates
         while candidates and candidates[-1][1] >= value:
             candidates.pop()
@@ -102,10 +103,8 @@ class _Span(NamedTuple):
 
 
 class ClockOffset:
-    """Compares the clocks of one session. The offset is that of the exchange with the smallest bound of the
-    last `window_ns`; the bound of an exchange grows with its age (RFC 5905, section 10).
-
-    Each way counts the slower transit of two exchanges in a row, so that a lone one that lies moves nothing.
+    """Estimates the peer's clock in one session: `best`, None until two exchanges have come. Its offset is
+    that of the least bound within `window_ns`; a bound grows with its age (RFC 5905, section 10).
     """
 
     def __init__(self, window_ns: int = 10_000_000_000) -> None:
@@ -118,10 +117,10 @@ class ClockOffset:
         self.best: OffsetEstimate | None = None
 
     def update(self, t1: int, t2: int, t3: int, t4: int) -> None:
-        """Takes the stamps of one exchange (see the module), in ns; sets `best` from the second one on. Each
-        way counts the longer transit of this exchange and the one before. The offset is that of the least
-        bound in the window; a bound grows with age. Ignores a negative round trip, t3 < t2, and an offset of
-        146 years: a clock that was set, a forged stamp.
+        """Sets `best` anew from t1 to t4 of one exchange (see the module), in ns; from the second exchange
+        on. Each direction counts the longer transit of this exchange and the one before, so that a single
+        wrong one moves nothing. Ignores an exchange with a negative round trip, t3 < t2, or an offset of 146
+        years: a clock that was set, a forged stamp.
         """
         outward_ns, inward_ns = t2 - t1, t4 - t3
         if outward_ns + inward_ns < 0 or t3 < t2 or abs(outward_ns - inward_ns) > 2 * _LARGEST_NS:
@@ -148,8 +147,8 @@ class ClockOffset:
         )
 
     def _follow_rate(self, span: _Span) -> None:
-        """Merges an exchange into the newest span of 0.2 s by its least transit each way, or begins the next
-        span. Each fifth span first sets `_rate_ppm` anew, from the spans before it.
+        """Adds an exchange to the newest span of 0.2 s, which holds the smallest transit in each direction,
+        or begins the next one; each fifth span first sets `_rate_ppm` from the spans before it.
         """
         if not self._spans or self._spans[-1].number < span.number:
             if span.number % _SPANS_PER_LOOK == 0:
@@ -165,7 +164,8 @@ class ClockOffset:
 
 
 def _certain_rate_ppm(spans: Sequence[_Span]) -> float:
-    """The rate of the peer's clock that the transits leave no doubt about, 0 where they leave any.
+    """Largest (by size) of the certain rates of the peer's clock, in ppm, over the last 15, 30, 75 and 300
+    spans; 0 where none of them is certain.
 
     Outward transits grow by the rate and inward ones shrink by it, in every third of the time. A path that
     becomes slower shows in one direction, a clock that was set in one third.
@@ -176,9 +176,7 @@ def _certain_rate_ppm(spans: Sequence[_Span]) -> float:
 
 
 def _agreed_rate_ppm(spans: Sequence[_Span]) -> float:
-    """Smallest by size of six certain rates in ppm, one of each direction in each third of the spans. 0
-    unless all six have the same sign.
-    """
+    """Smallest, by size, of six rates in ppm, of both directions in each third; 0 unless of one sign."""
     third = len(spans) // 3
     rates_ppm = [
         _certain_slope(points) * 1e6 / _SPAN_NS

@@ -52,14 +52,14 @@ def decode(kind: type[M], payload: bytes) -> M:
 
 
 def encode_batch(payloads: list[bytes]) -> bytes:
-    """Several messages of one type as one array."""
+    """Joins encoded messages of one type into one msgpack array."""
     size = len(payloads)
     return _ARRAY + size.to_bytes(4, "big") + b"".join(payloads)
 
 
 def decode_batch(kind: type[M], payload: bytes, step: int = 1, first: int = 0) -> list[M]:
-    """Messages of type `kind` that a batch holds, at most `MOST_BATCHED`, or the one that stands alone. With
-    `step` those at `first`, `first` + `step`, ... and the last, which costs less; others may be anything.
+    """Messages of type `kind` in a batch, at most `MOST_BATCHED`, or the single message that `payload` is.
+    With `step` only those at `first`, `first` + `step`, ... and the last; the others are not checked.
 
     Raises:
         CodecError: one of them is no message of that type or protocol version, or there are more.
@@ -77,12 +77,12 @@ def decode_batch(kind: type[M], payload: bytes, step: int = 1, first: int = 0) -
 
 
 def counted(payload: bytes) -> int:
-    """Number of messages that a payload says it holds: one, or those of a batch."""
+    """Number of messages in a payload by its head: 1, or that of a batch, at most `MOST_BATCHED`."""
     return min(int.from_bytes(payload[1:5], "big"), MOST_BATCHED) if payload[:1] == _ARRAY else 1
 
 
 def picked(number: int, step: int, first: int) -> list[int]:
-    """Places, of so many messages, of those at `first`, `first` + `step`, ... and of the last."""
+    """Indices, sorted, of `number` messages: `first`, `first` + `step`, ... and the last one."""
     return sorted({*range(first, number, step), *range(number)[-1:]})
 
 
@@ -136,8 +136,8 @@ def _decoders(kind: type[Message]) -> tuple["msgspec.msgpack.Decoder[Any]", "msg
 
 
 def _type(hint: Any, most_items: int, rules: Sequence[Any] = ()) -> Any:  # noqa: ANN401 - a type
-    """Translates the type of a pydantic field to msgspec, with its range, length and pattern. A tuple or dict
-    without a greatest length gets `most_items`. `rules`: pydantic's metadata of the field.
+    """Translates the type of a pydantic field to msgspec, with the range, length and pattern in `rules`
+    (pydantic's metadata of the field). A tuple or dict without a greatest length gets `most_items`.
     """
     origin, inner = get_origin(hint), get_args(hint)
     if origin is Annotated:
@@ -165,7 +165,7 @@ class Codec:
 
 
 class Objects(Codec):
-    """The messages themselves, within one process: nothing is written or read, and no range is looked at."""
+    """Passes message objects themselves as payloads, within one process; no range is checked."""
 
     @staticmethod
     def encode(message: Message) -> bytes:

@@ -23,9 +23,9 @@ class Settings(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _known_keys_and_true_numbers(cls, data: Any) -> Any:  # noqa: ANN401 - raw input of pydantic
-        """Returns the raw data unchanged once its keys and values are checked; only a dict is. Raises
-        PydanticCustomError: an unknown key, with the nearest known one; ValueError: a truth value for a field
-        that takes none, or text for a number (YAML reads yes and on as true).
+        """Checks the keys and values of a dict; returns the data unchanged. Raises PydanticCustomError: an
+        unknown key, with the nearest known one; ValueError: a truth value for a field that takes none, or
+        text for a number (YAML reads yes and on as true).
         """
         for name, value in data.items() if isinstance(data, dict) else ():
             if name not in cls.model_fields:
@@ -68,10 +68,11 @@ def load_settings(kind: type[S], path: Path) -> S:
 def checked(
     kind: type[S], data: object, where: str, lines: dict[Place, int] | None = None, directory: Path = Path()
 ) -> S:
-    """`data` as settings; a mistake names `where`, the line where known, the place, the value and what was
-    expected.
+    """Validates `data` as settings of type `kind` and returns them; relative paths count from `directory`.
 
-    Relative paths in it count from `directory`.
+    Raises:
+        ConfigurationError: the first mistake in one line: `where`, the line where known, the key, the value,
+            what was expected.
     """
     try:
         return kind.model_validate(data, context={"directory": directory})
@@ -81,8 +82,8 @@ def checked(
 
 
 def beside_the_file(path: Path, info: ValidationInfo) -> Path:
-    """Makes a path absolute, from the folder of the settings file, which the validation context names:
-    effective settings that are printed may be read from elsewhere. Raises ValueError for an impossible path.
+    """Makes a path absolute, relative to the folder of the settings file (in the validation context). Raises
+    ValueError for a path that no file can have.
     """
     text = os.fsencode(path)
     if b"\0" in text or len(text) > _MOST_PATH or max(map(len, text.split(b"/"))) > _MOST_NAME:
@@ -91,7 +92,7 @@ def beside_the_file(path: Path, info: ValidationInfo) -> Path:
 
 
 def _describe(problem: ErrorDetails, where: str, lines: dict[Place, int]) -> str:
-    """One line for a mistake: file, line, place, value, what was expected."""
+    """Line on a mistake that pydantic reports: file, line where known, key, value, what was expected."""
     loc, value = problem["loc"], problem["input"]
     if problem["type"] == "unknown_key":
         loc = (*loc, problem["ctx"]["key"])
@@ -118,7 +119,7 @@ def _describe(problem: ErrorDetails, where: str, lines: dict[Place, int]) -> str
 def _describe_kind(
     context: dict[str, Any], where: str, place: Place, dotted: str, lines: dict[Place, int]
 ) -> str:
-    """One line for a section whose kind, by its `discriminator`, is unknown or missing."""
+    """Text, in one line, for a section whose kind, by its `discriminator`, is unknown or missing."""
     key = str(context["discriminator"]).strip("'")
     head = f"{where}{_line((*place, key), lines)}: {dotted}.{key}"
     if "tag" not in context:
@@ -154,7 +155,9 @@ def dump_yaml(settings: BaseModel) -> str:
 
 
 def deep_merge(base: dict[str, Any], override: dict[str, Any]) -> dict[str, Any]:
-    """`base` with the values of `override` laid over it, mapping by mapping."""
+    """Copy of `base` with the values of `override` in place of those of the same key; where both are
+    mappings, they are merged in the same way.
+    """
     merged = dict(base)
     for key, value in override.items():
         both = isinstance(value, dict) and isinstance(merged.get(key), dict)

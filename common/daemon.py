@@ -62,7 +62,7 @@ def _replayed(run: Run, role: Role, link: str) -> ImpairedLink | None:
 
 
 def for_each(axes: Sequence[A], action: Callable[[A, int], None]) -> Tick:
-    """Task that calls an action for every axis."""
+    """Tick that calls `action(axis, now_ns)` for each axis in turn."""
 
     def tick(now_ns: int) -> None:
         for axis in axes:
@@ -72,7 +72,9 @@ def for_each(axes: Sequence[A], action: Callable[[A, int], None]) -> Tick:
 
 
 class Reports:
-    """Publishes the loop's lateness each second and the impairment's trace each 0.1 s, by the first axis."""
+    """Publishes, by two tasks that it registers, the loop's lateness each second and the impairment's trace
+    each 0.1 s, under the axis of `bus`.
+    """
 
     def __init__(
         self, bus: Bus, role: Role, lateness: Lateness, transport: ImpairedTransport, runtime: Runtime
@@ -106,15 +108,15 @@ class Reports:
         )
 
     def flush(self, now_ns: int) -> None:
-        """Publishes both a last time, each whatever becomes of the other; after the loop has ended."""
+        """Publishes lateness and trace a last time, after the loop's end; the trace in any case."""
         try:
             self.timing(now_ns)
         finally:
             self.impairment(now_ns, last=True)
 
     def impairment(self, now_ns: int, last: bool = False) -> None:
-        """Publishes the impairment's trace since the last call. Unless `last`, it keeps the trace for later
-        in the first second after the first call, before a recorder listens.
+        """Publishes the impairment's trace since the last call. In the first second after the first call it
+        keeps the trace for later, as no recorder listens yet, unless `last`.
         """
         self._since_ns = now_ns if self._since_ns is None else self._since_ns
         if now_ns - self._since_ns < _KNOWN_NS and not last:

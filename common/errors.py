@@ -29,7 +29,9 @@ class InputError(ForefeelError):
     """Wrong input of the user; the text is one line that says where, what and what was expected."""
 
     def answered_by(self, *command: object) -> str:
-        """The text in one line; to it the command to type, where a word would do."""
+        """Text of the error in one line. Subclasses that know which options are missing add the command line
+        to type, made of `command` and those options.
+        """
         return " ".join(str(self).split())
 
 
@@ -92,7 +94,8 @@ class DeviceSetupError(DeviceError, InputError):
 
 
 def check_config_alone(*others: object) -> None:
-    """Refuses options that the file of `--config` settles; `others` are empty, None or False where not given.
+    """Refuses other options beside `--config`; called only where that is given. `others`: their values, which
+    are empty, None or False where not given.
 
     Raises:
         ConfigurationError: one was given.

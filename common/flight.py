@@ -40,7 +40,7 @@ class FlightRing:
         self.add: Callable[[Row], None] = self._rows.append
 
     def received(self, payload: bytes, receive_ns: int) -> None:
-        """Takes what a stranger may have sent, but no longer payload than the topic's."""
+        """Adds a payload from the network, unless it is longer than any message of the topic."""
         if len(payload) <= self.largest:
             self.add((receive_ns, payload))
 
@@ -58,11 +58,13 @@ class FlightRing:
 
 
 class Rings:
+    """Flight rings by key."""
+
     def __init__(self) -> None:
         self._rings: dict[str, FlightRing] = {}
 
     def ring(self, key: str) -> FlightRing:
-        """The ring of a key of the topic table, made where there is none."""
+        """The ring of a key, made where there is none; asserts that the key is of the topic table."""
         if key not in self._rings:
             parsed = parse_key(key)
             assert parsed is not None, key

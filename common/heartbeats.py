@@ -9,7 +9,9 @@ _REMEMBERED = 256  # beats: 13 s of them, more than any round trip that a sessio
 
 
 class Heartbeats:
-    """One end of the exchange. `receive` runs where the transport delivers, `beat` on asyncio."""
+    """Sends and takes the heartbeats of one end, and estimates the peer's clock from them. `receive` runs
+    where the transport delivers, `beat` on asyncio.
+    """
 
     def __init__(self, publisher: Publisher) -> None:
         self._publisher = publisher
@@ -29,10 +31,10 @@ class Heartbeats:
 
     def receive(self, heartbeat: Heartbeat, receive_ns: int) -> bool:
         """Takes a heartbeat of the peer, received at `receive_ns` of our clock; False where it is refused.
+        `beat` echoes it next, and its own echo updates `offset`.
 
-        One taken is the next that `beat` echoes; its own echo updates `offset`. Refused as replay or forgery:
-        one not newer, or stamped ahead of the others; one whose echo was not sent lately, or is missing after
-        a heartbeat with one. So a peer whose clock is set back loses its session.
+        Refused as replay or forgery: one not newer, or stamped ahead of the others; one whose echo was not
+        sent lately, or is missing once one has come. So a peer whose clock is set back loses its session.
         """
         echo_ns, echo_receive_ns = heartbeat.echo_stamp_ns, heartbeat.echo_receive_ns
         known = not self._answered if echo_ns is None else echo_ns in self._sent_ns
@@ -45,8 +47,8 @@ class Heartbeats:
         return True
 
     def beat(self, session_id: int, now_ns: int) -> None:
-        """Sends a heartbeat that echoes the stamp of the peer's newest and when it came, None before any.
-        Keeps `now_ns` among the stamps that an echo may have.
+        """Sends a heartbeat that echoes the peer's newest one: its stamp and when it was received, both None
+        before any. Remembers `now_ns` as a stamp that the peer may echo.
         """
         stamp_ns, receive_ns = self._newest or (None, None)
         self._sent_ns = (*self._sent_ns[1 - _REMEMBERED :], now_ns)

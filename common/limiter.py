@@ -84,8 +84,8 @@ def _clip(value: float, bound: float) -> float:
 
 
 def _stoppable_m_s(room_m: float, deceleration_m_s2: float, lag_s: float) -> float:
-    """The largest speed v that comes to rest within the room: v lag + v^2 / 2a = room. `lag_s` dt / 2: in
-    steps of this dt. dt: whatever steps come after this one.
+    """Largest speed v from which a setpoint comes to rest within `room_m`: v lag + v^2 / 2a = room; 0 without
+    room. `lag_s` is dt where the next steps may differ from this one, dt / 2 where all are of this dt.
     """
     delayed = deceleration_m_s2 * lag_s
     return sqrt(delayed * delayed + 2.0 * deceleration_m_s2 * room_m) - delayed if room_m > 0.0 else 0.0
@@ -133,13 +133,13 @@ class MotionLimiter:
         force_share: float = 1.0,
         band_n: tuple[float, float] | None = None,
     ) -> list[LimitHit]:
-        """Moves the setpoint by one step of dt towards a position that moves with a velocity; returns what
-        limited it (empty: nothing) and sets `force_limited`. `velocity_share`: the ramp on engaging, 0 to 1.
-        `force_share`: of the force limit; unless 1, no yielding to a force. `band_n`: where the force is
-        expected for this position; it only ever slows the setpoint.
+        """Moves the setpoint by one step of dt towards `position_m`, which itself moves with `velocity_m_s`;
+        returns the limits that intervened (empty: none) and sets `force_limited`. `velocity_share`: the ramp
+        on engaging, 0 to 1. `force_share`: of the force limit; unless 1, no yielding to a force. `band_n`:
+        range of the force expected for this position; it only ever slows the setpoint.
         """
         hits: list[LimitHit] = []
-        self._age(dt_s)
+        self._pass_time(dt_s)
         target_m = min(max(position_m, self._low_m), self._high_m)
         if target_m != position_m:
             hits.append(LimitHit("workspace", position_m, target_m, "m"))
@@ -151,7 +151,7 @@ class MotionLimiter:
         brakes_m_s2, behind_m = 0.5 * self._acceleration_m_s2, abs(wanted - feed_forward) * dt_s
         brake = _stoppable_m_s(behind_m, brakes_m_s2, 0.5 * dt_s)
         velocity = feed_forward + _clip(wanted - feed_forward, brake)
-        allowed = self._before_walls(_clip(velocity, self._velocity_m_s * velocity_share), dt_s)
+        allowed = self._within_workspace(_clip(velocity, self._velocity_m_s * velocity_share), dt_s)
         capped = self._towards_contact(allowed, force_n, force_share * self._force_n, band_n, hits)
         if force_share == 1.0:  # a blind cell guides no motion
             capped = self._yielding(capped, force_n, self._velocity_m_s * velocity_share, hits)
@@ -162,23 +162,23 @@ class MotionLimiter:
         if abs(applied - capped) > _EXACT:
             asked = (capped - self.velocity_m_s) / dt_s
             hits.append(LimitHit("acceleration", asked, copysign(self._acceleration_m_s2, asked), "m/s²"))
-        self._advance(applied, dt_s)
+        self._move(applied, dt_s)
         return hits
 
     def stop(self, dt_s: float, force_n: float = 0.0, force_share: float = 1.0) -> None:
         """Moves by one step of dt of the ramp to rest; steeper where the force limit demands it."""
-        self._age(dt_s)
+        self._pass_time(dt_s)
         velocity = self.velocity_m_s - _clip(self.velocity_m_s, self._stop_m_s2 * dt_s)
         capped = self._towards_contact(velocity, force_n, force_share * self._force_n, None, [])
         change = max(self._stop_m_s2, self._acceleration_m_s2) * dt_s
-        self._advance(self.velocity_m_s + _clip(capped - self.velocity_m_s, change), dt_s)
+        self._move(self.velocity_m_s + _clip(capped - self.velocity_m_s, change), dt_s)
 
-    def _before_walls(self, velocity_m_s: float, dt_s: float) -> float:
-        """Limits the velocity so that following and stopping both brake before the workspace ends."""
+    def _within_workspace(self, velocity_m_s: float, dt_s: float) -> float:
+        """Clips the velocity so that following and stopping can both brake before the workspace ends."""
         room_m = self._high_m - self.position_m if velocity_m_s > 0.0 else self.position_m - self._low_m
         return _clip(velocity_m_s, _stoppable_m_s(room_m, self._wall_m_s2, dt_s))
 
-    def _age(self, dt_s: float) -> None:
+    def _pass_time(self, dt_s: float) -> None:
         """Advances the time by dt; leaves in `_shown[0]` the path of the setpoint that the newest force shows
         already, by `age_s` and the delays of `reaction`.
         """
@@ -193,8 +193,10 @@ class MotionLimiter:
         while len(self._shown) > 1 and self._shown[1][0] <= since_s:
             self._shown.popleft()
 
-    def _advance(self, velocity_m_s: float, dt_s: float) -> None:
-        """Moves the setpoint by dt, not out of the workspace; from beyond it only back."""
+    def _move(self, velocity_m_s: float, dt_s: float) -> None:
+        """Moves the setpoint for dt at `velocity_m_s` and adds to the path. It stops at the ends of the
+        workspace; from beyond them it moves only back.
+        """
         before_m = self.position_m
         self._path_m += abs(velocity_m_s) * dt_s
         moved_m = before_m + velocity_m_s * dt_s
@@ -212,9 +214,9 @@ class MotionLimiter:
         band_n: tuple[float, float] | None,
         hits: list[LimitHit],
     ) -> float:
-        """Velocity, slowed to 0 at most, that the rest of the force limit allows in its direction. Where that
-        slows it, sets `force_limited` and adds to `hits`, else clears it. `band_n`: expected force, low and
-        high; while the measured one is below half the limit, it does not slow below 5 mm/s.
+        """Velocity, slowed to 0 at most, that the rest of the force limit allows in its direction; unchanged
+        where that is enough. Sets `force_limited`, and adds to `hits` where it slows. `band_n`: expected
+        force, low and high; while the measured one is below half the limit, it does not slow below 5 mm/s.
         """
         self.force_limited = False
         if velocity_m_s == 0.0:
@@ -243,10 +245,10 @@ class MotionLimiter:
         return sign * fastest_m_s
 
     def _yielding(self, velocity_m_s: float, force_n: float, most_m_s: float, hits: list[LimitHit]) -> float:
-        """Velocity backwards, out of a wall whose force is over 5 % beyond the limit; else, or where the
-        velocity is negative itself, unchanged. Yielding sets `force_limited` and adds a "force" hit. Goes at
-        most `most_m_s`, and `_YIELD_M` back from the furthest point since the last way back: a force that
-        stays is of no wall that moves.
+        """Velocity backwards, out of a wall whose force is over 5 % beyond the limit; it sets `force_limited`
+        and adds a "force" hit. Else, or where the velocity is negative already, returns it unchanged. Yields
+        at most at `most_m_s`, and `_YIELD_M` back from the furthest point since the last way back: a force
+        that stays is of no wall that moves.
         """
         excess_n = force_n - (1.0 + OVER_SHARE) * self._force_n
         if excess_n <= 0.0 or velocity_m_s < 0.0:
@@ -256,7 +258,7 @@ class MotionLimiter:
         hits += [] if hits and hits[-1].rule == "force" else [LimitHit("force", force_n, self._force_n, "N")]
         left_m = self.position_m - self._deepest_m + _YIELD_M
         out_m_s = _stoppable_m_s(left_m, self._acceleration_m_s2, self._dt_s)
-        return self._before_walls(-min(self._allowed_m_s(excess_n), out_m_s, most_m_s), self._dt_s)
+        return self._within_workspace(-min(self._allowed_m_s(excess_n), out_m_s, most_m_s), self._dt_s)
 
     def _allowed_m_s(self, left_n: float) -> float:
         return _stoppable_m_s(left_n / self._wall_n_m, self._acceleration_m_s2, self._delay_s)

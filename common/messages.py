@@ -331,7 +331,7 @@ class ControlCycle(Message):
 
 
 class MasterEvent(Message):
-    """A change of how the master stands: `no_session`, `in_session`, `handle_fault` or `failed`."""
+    """A change of the status of the master: `no_session`, `in_session`, `handle_fault` or `failed`."""
 
     before: Name
     event: Name
@@ -347,7 +347,7 @@ class EmergencyStop(Message):
 
 
 class Calibration(Message):
-    """The calibration that a driver of the slave has loaded, said again and again for whoever records.
+    """The calibration that a driver of the slave has loaded, published again and again for whoever records.
 
     Load cell: `F = gain_n (native - zero)`. Stage: `native = zero + native_per_m x`. The sign of the settings
     is in neither. `serial`: of the device that answers; `date`: ISO 8601. What a slot does not have is None.

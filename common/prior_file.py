@@ -132,11 +132,9 @@ def load_prior(path: Path) -> StoredPrior | None:
 
 
 def nearest(directory: Path, instrument: str, patient: str) -> Start | None:
-    """Start of a session with that instrument and patient: the patient's own prior, else that of the patient
-    who had the instrument last, each widened, the latter more. None where there is neither.
-
-    One patient and not a mean of all: vessels differ in where they are touched, and a mean of walls is no
-    wall.
+    """Start of a session from the patient's own prior with that instrument, else from that of the patient who
+    had the instrument last; each widened, the latter more. None where there is neither. A mean of all would
+    be no wall: vessels differ in where they are touched.
 
     Raises:
         ConfigurationError: a bad key, or a file of the instrument that can not be used.
@@ -155,10 +153,10 @@ def nearest(directory: Path, instrument: str, patient: str) -> Start | None:
 def keep_prior(
     directory: Path, instrument: str, patient: str, learned: ContactPrior, today: date
 ) -> StoredPrior:
-    """Writes what a session learned of that instrument and patient, and returns it with one session more.
+    """Replaces what was stored of that instrument and patient by what a session that started from it learned;
+    returns the new content, with one session more.
 
-    It replaces what was stored, which is part of it: the session started from there. A file is there as
-    before or as new, whatever interrupts the write; it and new folders are for their owner alone.
+    A file is there as before or as new, whatever interrupts the write, for its owner alone.
 
     Raises:
         ConfigurationError: a bad key, or a file there that can not be used and stays as it is.

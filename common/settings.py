@@ -39,7 +39,7 @@ ExistingFile = Annotated[Path, AfterValidator(_existing)]
 
 
 class ColumnSettings(Settings):
-    """Columns of a table, each as `unit:column`, for example `mm:laser`; by default as their names tell."""
+    """Columns of a table, each as `unit:column`, for example `mm:laser`; null: chosen by their names."""
 
     time: str | None = None
     position: str | None = None
@@ -90,7 +90,7 @@ class AxisLimits(Settings):
 
     @property
     def meaning(self) -> str:
-        """Behind an axis's name, what m and N are of a rotation."""
+        """Text, behind an axis's name, on what m and N are of a rotation; else empty."""
         return " (rotation: m of arc, N at the surface)" if self.kind == "rotation" else ""
 
     @model_validator(mode="after")
@@ -132,7 +132,7 @@ class AxisSettings(Settings):
 
     @property
     def caveats(self) -> tuple[str, ...]:
-        """Lines on what is simulated, uncalibrated or relaxed, for whoever arms the axis or reads a run."""
+        """Lines on what is simulated, uncalibrated or `unsafe`, for whoever arms the axis or reads a run."""
         named: dict[str, list[str]] = {"no hardware": [], "uncalibrated": []}
         for slot, device in self.sections.items():
             if not device.hardware:
@@ -144,8 +144,8 @@ class AxisSettings(Settings):
 
     @model_validator(mode="after")
     def _protects(self) -> Self:
-        """Refuses by ValueError a setting beyond its bound if stage or handle is hardware and `unsafe` does
-        not name it, and a key in `unsafe` whose setting is not beyond its bound. Null counts as infinity.
+        """Raises ValueError for a setting beyond its bound, if stage or handle is hardware and `unsafe` does
+        not name it, and for a key in `unsafe` whose setting is not beyond its bound. Null counts as infinity.
         """
         real = any(self.sections[slot].hardware for slot in ("stage", "handle") if slot in self.sections)
         beyond = list[str]()
@@ -167,8 +167,7 @@ class AxisSettings(Settings):
 class LinkImpairment(Settings):
     """Impairment of this daemon's traffic, by direction; for tests and demonstrations, none by default.
 
-    `replay`: an MCAP of a run; what was recorded there of this daemon's links is done again, message by
-    message.
+    `replay`: an MCAP of a run, whose impairment of this daemon's links is repeated message by message.
     """
 
     inbound: ImpairmentSettings = ImpairmentSettings()
@@ -211,7 +210,7 @@ class StateSettings(Settings):
 
 
 class DaemonSettings(Settings):
-    """The common part of both daemons' files."""
+    """Settings that master and slave have in common."""
 
     cell: Segment = "cell"
     transport: TransportSettings = TransportSettings()
@@ -235,6 +234,7 @@ class DaemonSettings(Settings):
 
     @model_validator(mode="after")
     def _follow_each_other(self) -> Self:
+        """Raises ValueError where the contact model of an axis follows a column that is no other axis."""
         for axis in self.axes:
             others = [other.name for other in self.axes if other is not axis]
             for column in sorted(set(axis.columns) - set(others)):
@@ -255,7 +255,7 @@ def settings_hash(text: str) -> str:
 
 def differences(mine: str, theirs: str) -> str:
     """Text on the fields in which two `shared_text`s differ, one line of 200 characters at most; empty: none.
-    Of another protocol version it says nothing else. `theirs` comes from the network, may be anything.
+    Where the protocol versions differ it names only these. `theirs` comes from the network, may be anything.
     """
     try:
         other = json.loads(theirs)

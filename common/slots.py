@@ -19,7 +19,7 @@ class LatestValue(Generic[T]):
             self._value = value
 
     def take(self) -> T | None:
-        """The newest value, once; None when there is no new one."""
+        """Removes and returns the newest value; None where none was put since the last call."""
         if self._value is None:
             return None
         with self._lock:
@@ -53,7 +53,7 @@ ANSWERED_NS = 5_000_000
 
 
 class CommandRing(Generic[T]):
-    """Values of the last commands, by their stamps. One thread puts while another gets."""
+    """Values of the last 8192 commands, by their stamps in ns. One thread puts while another gets."""
 
     def __init__(self) -> None:
         self._entries: list[tuple[int, T] | None] = [None] * _COMMANDS
@@ -62,7 +62,9 @@ class CommandRing(Generic[T]):
         self._entries[stamp_ns // _TICK_NS % _COMMANDS] = stamp_ns, value
 
     def get(self, stamp_ns: int) -> T | None:
-        """Value of the last command up to that stamp; None where it is unknown, or too long before it."""
+        """Value put with the newest stamp up to `stamp_ns`; None where that is 5 ms or more before, or
+        unknown.
+        """
         tick = stamp_ns // _TICK_NS
         for place in range(tick, tick - ANSWERED_NS // _TICK_NS - 1, -1):
             entry = self._entries[place % _COMMANDS]

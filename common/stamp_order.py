@@ -13,15 +13,15 @@ Order = Literal["newer", "older", "ahead"]
 
 
 class StampOrder:
-    """Order of one stream. Ahead is a message whose transit (receive stamp minus stamp) is more than 20 ms
-    below the fastest of about a second.
+    """Tells newer messages of one stream from older ones, and from those "ahead": whose transit (receive
+    stamp minus stamp) is more than 20 ms below the fastest of about a second.
 
-    A row of refused messages that agree, with no other between them, is a clock that was set, or a way that
-    became faster. Where it is ahead the stream begins anew with it; where it is back only with `backwards`,
-    for a replay looks the same.
+    At least three refused messages in a row, over 50 ms, whose transits agree are a clock that was set, or a
+    way that became faster. If the last of them is ahead the stream begins anew with it; if it is older only
+    with `backwards`, for a replay looks the same.
 
     Attributes:
-        step_ns: by how much the stamps have stepped ahead, at the message that completes a row; else 0.
+        step_ns: by how much the stamps have stepped ahead, at the message that completes such a row; else 0.
     """
 
     def __init__(self, backwards: bool = False) -> None:
@@ -33,9 +33,9 @@ class StampOrder:
         self._row = (0, 0, 0)  # count, transit and receive stamp of the first
 
     def judge(self, stamp_ns: int, receive_ns: int) -> Order:
-        """Order of a message: "newer" (then the newest), "older" (or equal), "ahead" (over 20 ms too early).
-        A row of others that agree is a clock that was set: the last of them sets `step_ns`, else 0, and is
-        "newer", one that is older only with `backwards`.
+        """Order of a message: "newer" (it is the newest from now on), "older" (or equal), or "ahead" (over 20
+        ms too early). Sets `step_ns`. The message that completes a row of refused ones (see the class) is
+        "newer", an older one only with `backwards`.
         """
         transit_ns, self.step_ns = receive_ns - stamp_ns, 0
         slower_ns = transit_ns - self._fastest_ns
@@ -60,8 +60,8 @@ class StampOrder:
         return "newer"
 
     def _completes_row(self, transit_ns: int, receive_ns: int) -> bool:
-        """Adds a refused message to the row; True, and an empty row, when enough of them agree over 50 ms.
-        One whose transit differs begins a new row.
+        """Adds a refused message to the row; True, and the row is emptied, once three or more agree over 50
+        ms. One whose transit differs from the row's begins a new row.
         """
         count, row_transit_ns, first_ns = self._row
         if count == 0 or abs(transit_ns - row_transit_ns) > _AGREEMENT_NS:

@@ -47,7 +47,7 @@ def time_offset_s(time_s: Floats, estimate_n: Floats, force_n: Floats) -> float 
 
 
 def _correlation(first: Floats, second: Floats) -> float:
-    """Pearson's, over the rows that have both; -inf where one of them is constant."""
+    """Pearson's, over the rows finite in both; -inf for fewer than 3, or where one is constant."""
     both = np.isfinite(first) & np.isfinite(second)
     if np.count_nonzero(both) < 3:
         return -np.inf

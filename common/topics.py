@@ -103,9 +103,7 @@ PUBLISHED = tuple(topic for topic in TOPICS if topic.published)
 
 def direct(key: str) -> str:
     """Key under which the other end takes a batched topic message by message; observers get batches under
-    `key`.
-
-    It is outside `forefeel/`, so that nobody who watches a cell hears a message twice.
+    `key`. Outside `forefeel/`, so that nobody who watches a cell receives a message twice.
     """
     return f"{_DIRECT}{key}"
 

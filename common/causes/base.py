@@ -96,7 +96,6 @@ class Effect(ABC):
     """Is a function of an angle; a diagnosis searches it only where the position is one."""
     needs_spring: ClassVar[bool] = False
     """A diagnosis rejects it without a stiffness: it then is a late damper, like friction at a reversal."""
-    """Motions that tell it from similar causes, keys of `forefeel.diagnosis.identifiability`."""
     of_its_run: ClassVar[bool] = False
     """Holds for its own run only."""
     sized_anew: ClassVar[bool] = False

@@ -141,6 +141,7 @@ class Candidate:
         return self.values(shape) if self.values else dict(zip(self.shapes, shape, strict=True))
 
     def named(self, fitted: Fitted) -> Values:
+        """Parameters by name from a fit, as reported: by `naming`, else as `coefficients` and `shapes`."""
         if self.naming is not None:
             return self.naming(fitted)
         linear = dict(zip(self.coefficients, fitted.coefficients, strict=False))
@@ -152,7 +153,7 @@ class Candidate:
         return self.coefficients if self.sizes is None else self.sizes
 
     def entries(self, fitted: Fitted) -> list[Entry]:
-        """Entries of a model.yaml."""
+        """Entries of a model.yaml from a fit."""
         return [entry(self.kind, self.named(fitted))] if self.making is None else self.making(fitted)
 
 
@@ -201,6 +202,7 @@ class Form(Candidate):
         return columns
 
     def named(self, fitted: Fitted) -> Values:
+        """Parameters by name from a fit; without `coefficients`, what results from `mix`, and the shape's."""
         if self.naming is not None or self.coefficients:
             return super().named(fitted)
         theta = np.array(self.mix).T @ fitted.coefficients[: len(self.mix)]
@@ -304,7 +306,7 @@ def within(kind: type[Effect], values: Values) -> Values:
 
 
 def entry(kind: type[Effect], values: Values) -> Entry:
-    """Entry of a model.yaml, values clipped to their bounds; a shorthand sets what is not named itself."""
+    """Entry of a model.yaml, values clipped to bounds; a shorthand sets what is not named itself."""
     spelled = {t: v for name, v in values.items() for t in kind.shorthands.get(name, ())}
     return {"effect": kind.name, "parameters": within(kind, {**spelled, **values})}
 

@@ -49,7 +49,7 @@ class OfColumn(Form):
     slot: int
 
     def columns(self, motion: MotionGrid, shape: Shape) -> list[Array]:
-        """Columns of the terms; zeros where nothing stands in the slot."""
+        """Columns of the terms in `mix`, for the column in the slot; zeros where nothing stands there."""
         effect, names = self.effect(shape), list(motion.further)
         effect.column = names[self.slot] if self.slot < len(names) else ""
         return list(np.array(self.mix) @ effect.columns(motion).T)
@@ -59,6 +59,7 @@ class OfColumn(Form):
 
 
 def _forms(slot: int) -> tuple[OfColumn, ...]:
+    """Forms in which a diagnosis fits the column of a slot."""
     number, share, rub = slot + 1, (0, 0, 1, 0), (0, 0, 0, 1)
     form = partial(OfColumn, slot=slot, least_score=20.0)
     turned = partial(
@@ -111,7 +112,7 @@ class WithColumn(ForceEffect):
     candidates = tuple(form for slot in range(_SLOTS) for form in _forms(slot))
 
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:
-        """sin(c / r), cos(c / r), c, s."""
+        """sin(c / r), cos(c / r), c, s: see the class; zeros without the column."""
         c = m.further.get(self.column)
         if c is None:
             return 0.0, 0.0, 0.0, 0.0

@@ -106,8 +106,7 @@ def _speeds(extent: Extent) -> list[Shape]:
 class StribeckFriction(_AlongDirection):
     """`f = (Fc + (Fs - Fc) exp(-(v / vs)^2)) sign(v)`.
 
-    Fc = coulomb_n, Fs = static_n, vs = stribeck_velocity_m_s. Linear in Fc and Fs. With
-    Fs = Fc it is `coulomb_friction`.
+    Fc = coulomb_n, Fs = static_n, vs = stribeck_velocity_m_s; linear in Fc and Fs.
     """
 
     name = "stribeck_friction"
@@ -168,7 +167,7 @@ def _sum(fitted: Fitted) -> Values:
 
 
 def _slip_elements(fitted: Fitted) -> list[Entry]:
-    """Elements of a generalised Maxwell slip (Al-Bender, Lampaert, Swevers, IEEE T-AC 50(11), 2005)."""
+    """Entries, one an element, of a generalised Maxwell slip (Al-Bender et al., IEEE T-AC 50(11), 2005)."""
     return [
         entry(PreslidingHysteresis, {"force_n": force_n, "stiffness_n_m": force_n / length_m})
         for force_n, length_m in zip(fitted.coefficients, fitted.shape, strict=True)
@@ -238,6 +237,7 @@ def _parts(fitted: Fitted) -> Values:
 
 
 def _each_part(fitted: Fitted) -> list[Entry]:
+    """Entries of a model.yaml, one for each of two frictions."""
     growths, forces_n = np.reshape(fitted.coefficients, (2, 2)).T.tolist()
     names = "force_per_length_n_m", "force_n", "breakaway_m"
     return [

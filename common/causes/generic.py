@@ -30,9 +30,7 @@ class GenericForce(Form):
 
     def of(self, kind: type[Effect]) -> Self:
         """Returns a copy for the effect `kind`: grid by its searched parameters, sizes by its linear ones.
-
-        If `kind` overrides `span`, each column of that may have either sign; else signs follow from the
-        bounds.
+        Signs follow from the bounds, or are free if `kind` overrides `span`.
         """
         form = super().of(kind)
         sizes, grid = tuple(p.name for p in kind.parameters if p.linear), partial(_grid, form.searched)
@@ -81,9 +79,8 @@ def _logarithmic(p: Parameter) -> bool:
 
 
 def _useful_bounds(p: Parameter, extent: Extent) -> tuple[float, float]:
-    """Returns the bounds of a parameter, narrowed to the values that a recording of that extent resolves.
-
-    A unit of m, s, Hz or m/s narrows them, by the recording's stroke, length, cutoff or speed. On a linear
+    """Returns the bounds of a parameter, narrowed to the values that a recording of that extent resolves. A
+    unit of m, s, Hz or m/s narrows them, by the recording's stroke, length, cutoff or speed. On a linear
     scale only m does, to the range of positions. If nothing would be left, they are not narrowed.
     """
     e = extent

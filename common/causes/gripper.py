@@ -42,10 +42,9 @@ _ONE_SIDE_N = 1e4  # by which the other side's holding force is higher
 
 
 def _straight(m: MotionGrid, free: NDArray[np.bool_], apart: bool) -> tuple[Array, Array, float]:
-    """(Force in N at the jaws, that of the mass before them, stiffness in N/m) of where the wire is `free`.
-
-    `apart`: each stretch has a level of its own, the force that of the first: after a slip all is at another
-    zero.
+    """Fits damper, spring and mass where the wire is `free`. Returns along the whole motion the force in N at
+    the jaws without the mass's, and the mass's; and the stiffness in N/m. `apart`: each free stretch has a
+    level of its own, as after a slip, the force that of the first.
     """
     some = np.flatnonzero(free)[:: 1 + len(free) // _MOST_ROWS]
     stretch = np.cumsum(np.diff(np.cumsum(~free)[some], prepend=-1) > 0) - 1 if apart else 0 * some
@@ -94,6 +93,9 @@ class Slipping(Preloaded, Transmission):
         return {name: value for name, value in super().named(fitted).items() if name != "slipped_m"}
 
     def moved(self, motion: MotionGrid, shape: Shape) -> MotionGrid:
+        """Instrument's motion with slips where the force, as fitted without any, passes the level shape[0].
+        The given motion where the force never is below it, or hardly any of it is a spring's.
+        """
         level_n, side = shape[0], 1.0 if shape[0] > 0.0 else -1.0
         free = side * motion.force < _NEARLY * abs(level_n)
         if not free.any():
@@ -108,7 +110,7 @@ class Slipping(Preloaded, Transmission):
 
 
 def _levels(extent: Extent, unit: float, shares: Sequence[float]) -> list[Shape]:
-    """Readings in N near either end of the force's range, each with the shares of a unit."""
+    """Shapes that are tried: readings in N near either end of the range, each with every share of `unit`."""
     low_n, high_n = extent.low_n, extent.high_n
     highs = [low_n + near * (high_n - low_n) for near in _NEAR]
     levels = [n for n in highs if n > 0.0] + [n for n in (low_n + high_n - n for n in highs) if n < 0.0]
@@ -116,10 +118,10 @@ def _levels(extent: Extent, unit: float, shares: Sequence[float]) -> list[Shape]
 
 
 class Slip(Memory):
-    """(Way slipped through the jaws, way of this step) in m; back is positive, as the force that pushes back.
+    """Way slipped through the jaws, and way of this step, in m; back is positive, as the force that pushes.
 
-    Above `holding_n` the wire jumps by `jump_m`, at most `reach_m` a step, whatever the force meanwhile.
-    With a `jump_m` of 0 it creeps by `per_n` for each N above.
+    Above `holding_n` the wire jumps by `jump_m`, at most `reach_m` a step, whatever the force meanwhile. With
+    a `jump_m` of 0 it creeps by `per_n` for each N above.
     """
 
     start = 0.0, 0.0
@@ -127,6 +129,7 @@ class Slip(Memory):
     def step(
         self, force_n: float, spring_n_m: float, holding_n: float, jump_m: float, reach_m: float, per_n: float
     ) -> tuple[float, float]:
+        """Advances by a step; returns the way slipped so far, and that of this step, in m."""
         slipped_m, left_m = self.value
         felt_n = force_n - spring_n_m * slipped_m
         over_n = abs(felt_n) - holding_n
@@ -184,7 +187,7 @@ class GripperSlip(MotionEffect):
         return self.slipped(m, m.force, 0.0)
 
     def slipped(self, m: Kinematics, force_n: Value, stiffness_n_m: float) -> Kinematics:
-        """The same by the force that the jaws bear, less a stiffness times the way that has slipped."""
+        """Instrument's motion where the jaws bear `force_n` less a stiffness times the way slipped."""
         holding_n, jump_m, creep_n_s_m = (self.values[p.name] for p in self.parameters)
         reach_m, per_n = SLIP_M_S * m.dt, m.dt / (creep_n_s_m + stiffness_n_m * m.dt)
         slipped_m, way_m = m.through(self.slip, force_n, stiffness_n_m, holding_n, jump_m, reach_m, per_n)
@@ -223,8 +226,8 @@ def _borne(form: Bowed, motion: MotionGrid, shape: Shape) -> Array:
 
 
 def _loads(extent: Extent, shares: Sequence[float] = ()) -> list[Shape]:
-    """Loads and lengths of a plateau that is highest at the farthest position; with zeros at shares of the
-    force's range.
+    """Shapes of a plateau that are tried: load at position 0 and free length, so that it is highest at the
+    farthest position; with `shares`, also a zero at each of these shares of the force's range.
     """
     low_n, high_n, high_m = extent.low_n, extent.high_n, extent.high_m
     lengths = [high_m + share * extent.range_m for share in _FREE if high_m + share * extent.range_m > 0.0]

@@ -83,6 +83,7 @@ def _mapping(value: object, place: str) -> Mapping[str, object]:
 def _fields(
     value: object, place: str, required: tuple[str, ...], optional: tuple[str, ...] = ()
 ) -> Mapping[str, object]:
+    """Returns a mapping with all required and no unknown keys. Raises ValueError, which names `place`."""
     fields, known = _mapping(value, place), required + optional
     for key in required:
         if key not in fields:
@@ -94,6 +95,7 @@ def _fields(
 
 
 def _entry(value: object, place: str) -> EffectEntry:
+    """Reads an entry of a model.yaml, defaults filled in. Raises ValueError, which names the place."""
     fields = _fields(value, place, required=("effect",), optional=("site", "column", "parameters"))
     kind = _kind(fields["effect"], f"{place}.effect")
     site = _checked_site(fields.get("site"), kind, f"{place}.site")
@@ -107,6 +109,7 @@ def _entry(value: object, place: str) -> EffectEntry:
 
 
 def _kind(name: object, place: str) -> type[Effect]:
+    """Class of the effect of that name. Raises ValueError, which names `place`: no text, or no effect's."""
     if not isinstance(name, str):
         raise ValueError(f"{place} = {name!r}: expected a text")
     try:

@@ -71,7 +71,7 @@ class MotionSample:
         return 1.0 if v >= BAND_M_S else -1.0 if v <= -BAND_M_S else v / BAND_M_S
 
     def along(self, x: float, v: float, a: float) -> "MotionSample":
-        """Itself, with another motion from now on."""
+        """Sets another motion, in place, and returns itself."""
         self.x, self.v, self.a = x, v, a
         return self
 
@@ -126,7 +126,7 @@ class Motion:
 
     @classmethod
     def of(cls, t: Array, x: Array, v: Array, a: Array, force: Value = 0.0) -> "Motion":
-        """One piece, by its stamps."""
+        """Motion of one piece, dt by its stamps."""
         return Motion(t, x, v, a, intervals_s(t), force=force)
 
     def __getitem__(self, rows: Any) -> Self:  # noqa: ANN401 - any index of an array
@@ -148,9 +148,11 @@ class Motion:
         return np.clip(self.v / BAND_M_S, -1.0, 1.0)
 
     def along(self, x: Array, v: Array, a: Array) -> "Motion":
+        """Copy with another motion."""
         return replace(self, x=x, v=v, a=a)
 
     def through(self, step: Any, *inputs: Value) -> Array:  # noqa: ANN401 - a bound `Memory.step`
+        """Outputs of a memory, given by its `step`, for the inputs over each piece, from rest."""
         run = step.__self__.run
         whole = [u if isinstance(u, np.ndarray) else np.full(self.x.shape, u) for u in inputs]
         return np.concatenate([run(*(u[piece] for u in whole)) for piece in self.pieces], axis=-1)
@@ -210,8 +212,7 @@ class MotionGrid(Motion):
 class Memory:
     """State of an effect, which declares it as a class attribute; each instance has the `step` of its own.
 
-    A subclass gives `step` for floats. `run` is the same over arrays, from rest; one that is called often is
-    a loop in C.
+    A subclass gives `step` for floats. `run` is the same over arrays, from rest, often as a loop in C.
     """
 
     start: ClassVar[Any] = 0.0
@@ -342,6 +343,7 @@ class Delay(Memory):
         self.value: deque[tuple[float, float]] = deque()
 
     def step(self, u: float, t: float, delay_s: float) -> Value:
+        """Takes u at t; returns u of `delay_s` before, straight between the steps."""
         past, then = self.value, t - delay_s
         past.append((t, u))
         while len(past) > 1 and past[1][0] <= then:
@@ -358,15 +360,16 @@ class Delay(Memory):
 
 
 class Gap(Memory):
-    """`y <- min(max(y, x - half), x + half)`, from the middle of the gap, and whether it is carried, 1 or 0.
+    """Play operator `y <- min(max(y, x - half), x + half)`; outputs y, and 1 where it is carried, else 0.
 
-    Within the gap y goes by `decay` a step towards `rest`; with a `rest` of NaN it stays. The play operator
-    of Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989.
+    Within the gap, in whose middle it begins, y goes by `decay` a step towards `rest`; with a `rest` of NaN
+    it stays. Krasnosel'skii and Pokrovskii, Systems with Hysteresis, 1989.
     """
 
     start = None
 
     def step(self, x: float, half: float, rest: float, decay: float) -> tuple[float, float]:
+        """Advances y by a step; returns y, and 1 where it is carried, else 0."""
         stays, low, high = math.isnan(rest), x - half, x + half
         if self.value is None:
             self.value = x if stays else min(max(rest, low), high)

@@ -16,7 +16,7 @@ def intervals_s(t: Array) -> Array:
 
 
 def loop(name: str, *arguments: Array | float, outputs: int = 1) -> Array:
-    """Output of a loop in C over arrays of n samples (common/kernels/loops.c), shape (n,) or (outputs, n).
+    """Runs a loop in C (common/kernels/loops.c) over arrays of n samples; shape (n,) or (outputs, n).
 
     Raises:
         ValueError: arrays of several lengths, beyond which C would read.
@@ -47,9 +47,8 @@ def share_above(x: Array, limit: float) -> Array:
 
 
 def _means(u: Array, integral: Callable[[Array], Array], value: Callable[[Array], Array]) -> Array:
-    """Returns the mean of value(u) from half an interval before each sample to half an interval after it.
-
-    u is linear in between, and `integral` is the antiderivative of `value`: the means are exact. Shape (n,).
+    """Returns the mean of value(u) from half an interval before each sample to half an interval after it. u
+    is linear in between, and `integral` is the antiderivative of `value`: the means are exact. Shape (n,).
     """
     between = 0.5 * (u[1:] + u[:-1])
     ends = np.concatenate([u[:1], between]), np.concatenate([between, u[-1:]])

@@ -25,10 +25,8 @@ from forefeel.common.causes.numerics import Array
 
 
 def harmonic_parameters(frequency_hz: float, lower_hz: float, upper_hz: float) -> tuple[Parameter, ...]:
-    """Returns the seven parameters of a `PeriodicForce`, whose fundamental lies between these bounds.
-
-    Amplitude, frequency (by default `frequency_hz`) and phase, then ratio and phase of the second and the
-    third harmonic.
+    """Returns the seven parameters of a `PeriodicForce`: amplitude, frequency within these bounds and phase,
+    then ratio and phase of the second and the third harmonic.
     """
     return (
         Parameter("amplitude_n", "N", 0.0, 0.0, 1e3, explains=0.15),
@@ -71,7 +69,7 @@ class PeriodicForce(ForceEffect):
         return (wave,)
 
     def _angle_rad(self, m: Kinematics) -> Value:
-        """p."""
+        """Argument p of the sines, see `regressors`."""
         return self._omega * m.t + self._phase
 
     def span(self, motion: Motion) -> Array:
@@ -109,7 +107,7 @@ def _strongest(fitted: Fitted) -> Values:
 
 
 def _wave(frequency_hz: float, c: Array, turns: float) -> Values:
-    """Parameters of a pulsation of the six coefficients of a span, so many turns later."""
+    """Parameters of a pulsation with these six coefficients of a span, its phases `turns` later."""
     wave = c[:3] + 1j * c[3:]  # sin + i cos: amplitude times exp(i phase) of a sine
     wave = wave * np.exp(2j * np.pi * turns * np.arange(1, 4))
     return Pulsation(frequency_hz=frequency_hz).from_span([*wave.real.tolist(), *wave.imag.tolist()])
@@ -154,8 +152,8 @@ def step_s(rate_hz: float) -> float:
 
 
 def turns(t: Array, rates_hz: Shape) -> Array:
-    """Turns of a rhythm, 0 in the middle of its course: rates at 0, `step_s`, 2 `step_s`, ... in s, straight
-    between them and constant beyond.
+    """Turns of a rhythm at t, 0 at the middle value of its course: rates at 0, `step_s`, 2 `step_s`, ... in
+    s, straight between them and constant beyond.
     """
     rates, each_s = np.array(rates_hz), step_s(float(np.mean(rates_hz)))
     done = np.cumsum([0.0, *(0.5 * each_s * (rates[1:] + rates[:-1]))])
@@ -198,6 +196,7 @@ class Rhythm(Form):
         return np.asarray(by_turn * (np.array(moved) - now) / step)
 
     def named(self, fitted: Fitted) -> Values:
+        """Parameters by name: mean frequency, largest harmonic, variation of the rate, zero of the depth."""
         *level, wave = np.reshape(fitted.coefficients, (-1, 6))
         values = {"frequency_hz": float(np.mean(fitted.shape))}
         values[self.needed[0]] = float(np.max(np.hypot(wave[:3], wave[3:])))
@@ -208,7 +207,7 @@ class Rhythm(Form):
         return values
 
     def entries(self, fitted: Fitted) -> list[Entry]:
-        """A rhythm whose rate swings as most of its course does; phases count from stamp 0."""
+        """Entry of a model.yaml: a `varying_pulsation` that swings as the strongest line of the course."""
         shape, start_s, count = fitted.shape, fitted.start_s, len(fitted.shape)
         t = step_s(float(np.mean(shape))) * np.arange(count, dtype=np.float64)
         hz, offset = np.polyfit(t, turns(t, shape), 1) if count > 1 else (shape[0], 0.0)
@@ -231,6 +230,7 @@ def _lives(_: MotionGrid, rates: Shape) -> bool:
 
 
 def _rhythm(form: str, size: str, *factors: Callable[[MotionGrid], Array]) -> Rhythm:
+    """Form of a rhythm times each of the factors, the last of which has the parameter `size`."""
     return Rhythm(
         form=form, factors=lambda m: [factor(m) for factor in factors], living=not form, sizes=(size,),
         signs=(0,) * 6 * len(factors), logarithmic=False, grid=lambda _: [(1.2,)], costly=bool(form),

@@ -113,10 +113,8 @@ def load_plugin(points: Sequence[EntryPoint]) -> type[Effect]:
 
 
 def _flaws(kind: type[Effect], name: str) -> Iterator[str]:
-    """Yields a text on each flaw of an effect class, the gravest first; nothing for a sound one.
-
-    Flaws: another name than `name`, abstract methods left, wrong parameters or bounds, a force without a
-    site.
+    """Yields a text on each flaw of an effect class, the gravest first: another name than `name`, abstract
+    methods left, wrong parameters or bounds, a force without a site. Nothing for a sound one.
     """
     if getattr(kind, "name", None) != name:
         yield f"expected an effect named {name}, its name is {getattr(kind, 'name', None)!r}"

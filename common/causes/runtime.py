@@ -92,11 +92,9 @@ class ContactRuntime:
         self._compose_forces(effects)
 
     def _compose_forces(self, effects: Sequence[tuple[Effect, Site | None]]) -> None:
-        """Sorts the force effects by site and labels a second one of equal name `effect-2`.
-
-        Effects of other kinds are ignored. Sets `linear_names`, `linear_values`, the effects and their
-        `regressors` by site, and the zeros that stand for the wall out of contact, and for shaft and wall
-        while nothing is gripped.
+        """Sorts the force effects by site and labels a second one of equal name `effect-2`; ignores other
+        kinds. Sets `linear_names`, `linear_values`, the effects and their `regressors` by site, and the zeros
+        that stand for wall and shaft without contact or grip.
         """
         by_site: dict[Site, list[ForceEffect]] = {site: [] for site in SITES}
         labels: dict[ForceEffect, str] = {}
@@ -181,7 +179,7 @@ class ContactRuntime:
         return force_n
 
     def step_unheld(self, t: float, x: float, v: float, a: float, dt: float) -> float:
-        """Sensed force in N while the fixture does not hold the instrument; advances the sensor alone."""
+        """Sensed force in N while nothing grips the instrument; advances the sensor's effects alone."""
         force_n: float = sum(map(mul, self.linear_values, self.regressors_unheld(t, x, v, a, dt)))
         for reading in self._readings:
             force_n = reading(self._sample, force_n)
@@ -200,6 +198,7 @@ class ContactRuntime:
         return phi
 
     def _at_once(self, stage: Motion) -> Array:
+        """Columns of all forces over a whole motion, where no effect is `by_force`."""
         m = stage
         for moved in self._moved:
             m = moved(m)
@@ -214,7 +213,7 @@ class ContactRuntime:
         return np.concatenate([*(effect.columns(stage) for effect in self._sensor), at_tip], axis=1)
 
     def _stepped(self, stage: Motion) -> Array:
-        """`regressors` at each step: what the force moves can not be had at once."""
+        """Columns by `regressors` at each step of a copy, from rest in each piece: for effects `by_force`."""
         other, rows = deepcopy(self), list[list[float]]()
         for piece in stage.pieces:
             other.reset()

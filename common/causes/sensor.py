@@ -43,7 +43,7 @@ _SETTLES, _PERIODS = (0.05, 0.1, 0.2, 0.4), (0.3, 0.45, 0.7, 1.1)  # of a record
 
 
 def _from_start(fitted: Fitted) -> list[Entry]:
-    """The drift since the recording's start, then its wave and the zero beside it, if the form has these."""
+    """Entries of a model.yaml: the drift since the start; in the form with a wave, that and a bias, too."""
     drift = {"rate_n_s": fitted.coefficients[0], "from_s": fitted.start_s}
     if not fitted.shape:
         return [entry(SensorDrift, drift)]
@@ -226,10 +226,8 @@ class SensorSpikes(SensorEffect):
         return force_n + m.elementwise(self._spike_n, m.t, m.dt)
 
     def _spike_n(self, t: float, dt: float) -> float:
-        """Returns the size in N, with its sign, of the latest spike that still acts at t; 0 without.
-
-        A spike acts for `duration_s`, or for dt where that is longer, 0.1 s at most. Keeps the last slot as a
-        cache.
+        """Returns the size in N, with its sign, of the latest spike that still acts at t; 0 without. A spike
+        acts for `duration_s`, or for dt where that is longer, 0.1 s at most.
         """
         if self._slots_hz == 0.0:
             return 0.0

@@ -54,7 +54,6 @@ def _weak(omega: Array, shape: Shape) -> Spectrum:
 
 def _absorber(fitted: Fitted) -> list[Entry]:
     """Returns one model.yaml entry: the resonance of force c[0] `w^2 y` + c[1] `w y'`, c the coefficients.
-
     Without c[1] its damper follows from the damping ratio. Values are clipped to the parameters' bounds.
     """
     (frequency_hz, damping_ratio), c = fitted.shape, fitted.coefficients

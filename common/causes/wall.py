@@ -189,9 +189,8 @@ def _ratio_and_rest(fitted: Fitted) -> Values:
 
 
 def _change(fitted: Fitted) -> list[Entry]:
-    """Returns one model.yaml entry, a `stiffness_change` from the stiffness of the fit, at least 1e-9 N/m.
-
-    A second coefficient, a level in N, gives the rest position, else 0; time_s is a stamp of the recording.
+    """Returns one model.yaml entry, a `stiffness_change` from the stiffness of the fit, at least 1e-9 N/m. A
+    second coefficient, a level in N, gives the rest position, else 0; time_s is a stamp of the recording.
     """
     stiffness = float(max(fitted.base[2], 1e-9))
     change, level = (*map(float, fitted.coefficients), 0.0)[:2]
@@ -357,6 +356,7 @@ def _let_goes(extent: Extent) -> list[Shape]:
 
 
 def _let_go(fitted: Fitted) -> Values:
+    """Parameters of a prolapse from the share lost, and where the wire folds and stands again."""
     (lost, level_n), (high_m, low_m), k = fitted.coefficients, fitted.shape, float(fitted.base[2])
     rest_m, share = low_m - level_n / lost if lost else np.inf, lost / k if k else np.inf
     return {

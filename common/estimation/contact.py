@@ -58,9 +58,8 @@ class ContactFit:
         self._n = 0
 
     def _of_prior(self, prior: ContactPrior) -> Contact:
-        """Returns a contact with the names, values and covariance of a prior, as before any sample.
-
-        Model, theta and noise are those of `self._belief`, which has to follow from that prior.
+        """Returns a contact with the names, values and covariance of a prior, as before any sample. Model,
+        theta and noise are those of `self._belief`, which has to follow from that prior.
         """
         shape, _ = self._belief.shape_of(MotionExtent(0.0, 0.0))
         return Contact(
@@ -91,8 +90,8 @@ class ContactFit:
         """Adds a sample: the motion at a command's stamp, the force in N that answers it, the columns beside.
 
         Ignores one that is out of order, under about 4 ms after the last, not finite, out of bounds or at the
-        end of the sensor's range. Extends the range of motion and the time in contact; before any motion all
-        samples are dropped every 0.75 s.
+        end of the sensor's range. Extends the range of motion and the time in contact. Before any motion,
+        drops all samples every 0.75 s.
         """
         dt = t_s - self._newest_s if self._n else inf
         if dt < 0.9 * _STEP_S or not isfinite(t_s) or self._sensor.at_limit(force_n):

@@ -34,7 +34,7 @@ class _Block(NamedTuple):
 
 
 def motion_of(causes: Causes, samples: Array) -> Motion:
-    """Motion of samples as a `Fitting` has them."""
+    """Motion of samples of a `Fitting`, with the columns beside by name."""
     return replace(Motion.of(*samples[:5]), further=dict(zip(causes.columns, samples[5:], strict=True)))
 
 
@@ -74,10 +74,8 @@ class RegressorColumns:
         self._blocks: dict[int, list[_Block]] = {i: [] for i, _ in self._sites}
 
     def at(self, shape: Array) -> Array:
-        """Returns the regressors phi of all rows times sqrt(w) at a shape, of shape (rows, theta).
-
-        Computes a cause only if the shape changes its parameters or, at the wall, the place of the contact;
-        with a factor effect all of them.
+        """Returns the regressors phi of all rows times sqrt(w) at a shape, of shape (rows, theta). Computes a
+        cause only if the shape changes its parameters or its contact; with a factor effect all.
         """
         model = self._causes.model(shape, self._origin_s)
         if self._factored:  # by the sum of all

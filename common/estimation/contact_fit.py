@@ -105,7 +105,7 @@ class Contact:
 
     @property
     def left_n(self) -> float:
-        """rms of what is left of the force by the one that is in use."""
+        """rms of what the part in use, causes or force by place, leaves of the force."""
         return self.path.noise_n if self.path is not None and self.by_place else self.noise_n
 
     @property
@@ -164,18 +164,19 @@ class Fitting:
         """
         with np.errstate(all="ignore"):
             try:
-                rests_n = self._recent_rests_n()
-                contact = self._solved(rests_n, pause)
-                return contact and self._with_path(contact, rests_n)
+                residuals_n = self._recent_residuals_n()
+                contact = self._solved(residuals_n, pause)
+                return contact and self._with_path(contact, residuals_n)
             except np.linalg.LinAlgError:
                 return None
 
-    def _solved(self, rests_n: Sequence[Array], pause: Pause) -> Contact | None:
-        """The causes, from the last second alone where they are far off, by over 5 times their noise, and the
-        force by place is as well: else they were wrong. Not while grids are searched.
+    def _solved(self, residuals_n: Sequence[Array], pause: Pause) -> Contact | None:
+        """Fits the causes. From the last second alone, as a changed contact, where causes and force by place
+        both miss it by over 5 times the noise, unless grids are searched. Else from all samples, and once
+        more without the prior if the result is over 3 standard deviations from it. None if no fit is finite.
         """
         if self.before is not None and not self.searched:
-            least_n2 = min(float(np.mean(rest_n**2)) for rest_n in rests_n)
+            least_n2 = min(float(np.mean(residual_n**2)) for residual_n in residuals_n)
             if least_n2 > (_CHANGED * self.before.noise_n) ** 2:
                 return self._refitted(pause)
         contact = _Solver(self, pause).contact()
@@ -185,9 +186,9 @@ class Fitting:
         contact = _Solver(cold, pause).contact()
         return contact and replace(contact, contradicted=True)
 
-    def _recent_rests_n(self) -> list[Array]:
-        """Rests of the last second, which no fit has seen: of the causes as they were, and of the force by
-        place; none before a fit.
+    def _recent_residuals_n(self) -> list[Array]:
+        """Residuals in the last second, which no fit has seen: of the causes as fitted before, and of the
+        force by place if there is one; empty before a first fit.
         """
         if self.before is None:
             return []
@@ -198,23 +199,25 @@ class Fitting:
         recent = motion.t > motion.t[-1] - _RECENT_S
         return [(motion.force - force_n)[recent] for force_n in foretold]
 
-    def _with_path(self, contact: Contact, rests_n: Sequence[Array]) -> Contact:
-        """The contact with the force by place, and which of the two is in use."""
+    def _with_path(self, contact: Contact, residuals_n: Sequence[Array]) -> Contact:
+        """Copy of the contact with a force by place fitted to its samples, its lead over the causes by the
+        residuals `residuals_n` of both, and by that which of the two is in use.
+        """
         samples = self.samples[:, self.samples[0] >= contact.since_s]
         weights = np.minimum(np.diff(samples[0], prepend=samples[0, 0]) / _INDEPENDENT_S, 1.0)
         before = self.before or contact
         prior = None if contact.contradicted or contact.since_s > -inf else self.belief.path
         path = path_force(samples[1], samples[4], weights, before.path, prior)
         lead = 0.0
-        if len(rests_n) == 2:  # by how the force changes: what lasts comes back with the late force
-            of_causes, of_path = (float(np.var(rest_n)) + _LEAST_N2 for rest_n in rests_n)
+        if len(residuals_n) == 2:  # by how the force changes: what lasts comes back with the late force
+            of_causes, of_path = (float(np.var(residual_n)) + _LEAST_N2 for residual_n in residuals_n)
             won = float(np.clip(np.log(of_causes / of_path), -_MOST_LEAD, _MOST_LEAD))
             lead = _FADING * before.lead + won
         by_place = path is not None and lead > (_TRAILS if before.by_place else _LEADS)
         return replace(contact, path=path, lead=lead, by_place=by_place)
 
     def _refitted(self, pause: Pause) -> Contact | None:
-        """Contact from the samples of the last second, with the contact so far as a wide prior."""
+        """Fits the last second, with the contact so far as a wide prior, and sets `since_s`."""
         assert self.before is not None
         belief = self.causes.belief(widened(self.before.prior(), CHANGED_BY))
         samples = self.samples[:, self.samples[0] > self.samples[0, -1] - _RECENT_S]
@@ -245,10 +248,8 @@ class _Solver:
         self._noise2 = max(noise2, 1e-6 * self._spread2)
 
     def contact(self) -> Contact | None:
-        """Returns the contact of least J; None if it is not finite.
-
-        Fits again, with the noise of the first fit, if that is over twice the assumed variance and the prior
-        is of a model.yaml, which has no noise.
+        """Returns the contact of least J; None if it is not finite. Fits again, with the noise of the first
+        fit, if that is over twice the assumed variance and the prior is of a model.yaml, which has no noise.
         """
         contact = self._fitted()
         of_model = bool(np.isfinite(self._belief.theta_sd).any()) and not isfinite(self._belief.noise_n)
@@ -258,11 +259,9 @@ class _Solver:
         return contact
 
     def _fitted(self) -> Contact | None:
-        """Returns the contact of least J, by two steps from the former fit's shape; None if not finite.
-
-        Without a former fit they start at the mean; a grid search comes first if the job asks for it.
-        Occasional causes come or go where that lowers J, by a margin if not foreseen; a change costs another
-        search and step.
+        """Returns the contact of least J, two steps from the former fit or the mean; None if not finite. A
+        grid search comes first if the job asks for it. Occasional causes come or go where that lowers J, by a
+        margin if not foreseen; a change costs another search and step.
         """
         before = self._job.before
         occasional = before is not None and before.occasional
@@ -284,10 +283,9 @@ class _Solver:
         return self._result(best, worth)
 
     def _point(self, shape: Array, occasional: bool) -> _Point:
-        """Returns theta that minimises J at a shape, with that J; clips the shape to what causes accept.
-
-        Held at 0 are occasional causes unless `occasional`, terms without a prior whose regressor hardly
-        acts, and of the `positive` terms the most negative, one after another, until none is left.
+        """Returns theta that minimises J at a shape, with that J; clips the shape to what causes accept. Held
+        at 0 are occasional causes unless `occasional`, terms without a prior whose regressor hardly acts, and
+        of the `positive` terms the most negative, one after another, until none is left.
         """
         shape = accepted(shape)
         z, noise2, belief = self._columns.at(shape), self._noise2, self._belief
@@ -328,7 +326,6 @@ class _Solver:
 
     def _searched(self, point: _Point, occasional: bool) -> _Point:
         """Returns the point of least J among the given one and grids along each coordinate of the shape.
-
         Tries one after another, from the best shape so far. The place of the contact is tried over the range
         of motion, other coordinates over 2 standard deviations to each side of the mean.
         """
@@ -343,7 +340,7 @@ class _Solver:
         return point
 
     def normal_equations(self, point: _Point) -> tuple[Array, Array]:
-        """Those of a point, by differences to slightly shifted shapes. Calls `_pause`."""
+        """Normal equations of a point, by differences to slightly shifted shapes. Calls `_pause`."""
         tangents = []
         for i, difference in enumerate(self._differences):
             shape = point.shape.copy()
@@ -359,9 +356,8 @@ class _Solver:
         return np.append(point.acts, np.ones(len(self._sd), dtype=bool))
 
     def _stepped(self, point: _Point, occasional: bool) -> _Point:
-        """Returns the point after a Gauss-Newton step of the shape that lowers J; the same if none does.
-
-        A step that does not is cut to 0.3 of its length, three tries in all. It is at most one standard
+        """Returns the point after a Gauss-Newton step of the shape that lowers J; the same if none does. A
+        step that does not is cut to 0.3 of its length, three tries in all. It is at most one standard
         deviation in each coordinate, and the shape stays within 3 of the mean.
         """
         gathered, pull = point.normal_equations
@@ -382,7 +378,6 @@ class _Solver:
 
     def _result(self, point: _Point, occasional: bool) -> Contact | None:
         """Returns the contact at a point, with covariance, noise and statements; None if not finite.
-
         Parameters held at 0 have the variance of the prior.
         """
         gathered, _ = point.normal_equations
@@ -425,9 +420,8 @@ class _Solver:
 
     def _undetermined(self, point: _Point, gathered: Array, occasional: bool) -> tuple[str, ...]:
         """Returns statements on parameters that the rows leave as unknown as they were before any force.
-
         Empty if there are none; occasional causes count only if `occasional`. `gathered`: A'A / sigma^2 of
-        (theta, shape), see `_normal_equations`. Calls `_pause`.
+        (theta, shape), see `normal_equations`. Calls `_pause`.
         """
         self._pause()
         left_out = () if occasional else self._causes.occasional

@@ -77,7 +77,6 @@ def loaded_causes(model: ContactModel) -> LoadedCauses:
 
 def _of_shared(kind: type[Effect], values: Mapping[str, float]) -> dict[str, float]:
     """Returns the means, by `cause.parameter`, of an effect in `BASE`: linear parameters and one of shape.
-
     Leaves out a linear parameter of 0, unless it may be negative. That of shape is the presliding length, the
     place of the contact or the time constant; other kinds have none.
     """
@@ -100,7 +99,7 @@ def _of_wave(wave: str, values: Mapping[str, float]) -> dict[str, float]:
 
 
 def _sines(name: str, entry: EffectEntry, values: Mapping[str, float]) -> Iterator[EffectEntry]:
-    """A sine and a cosine at the frequency of each harmonic of a wave that is not negligible."""
+    """Yields a sine and a cosine, as effects `name`, of each harmonic of a wave that is not negligible."""
     ratios = 1.0, values["second_harmonic_ratio"], values["third_harmonic_ratio"]
     for order, ratio in enumerate(ratios, 1):
         for phase_rad in (0.0, 0.5 * pi) if abs(ratio) > _LEAST_RATIO else ():

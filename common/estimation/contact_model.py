@@ -185,10 +185,9 @@ class Causes:
         return EffectEntry(kind.name, tuple((self._linear.get(kind.name, {}) | values).items()))
 
     def _unnamed(self, linear: str) -> bool:
-        """True if `linear`, `cause.parameter`, is of a wave or `BASE` effect that the loaded model lacks.
-
-        The model has a wave, of heart or breath, if it gives its frequency; another effect, if any parameter.
-        The bias and effects outside of `BASE` give False.
+        """True if `linear`, `cause.parameter`, is of a wave or `BASE` effect that the loaded model lacks. The
+        model has a wave, of heart or breath, if it gives its frequency; another effect, if any parameter. The
+        bias and effects outside of `BASE` give False.
         """
         effect = linear.partition(".")[0]
         if effect in _PULSATIONS:
@@ -207,9 +206,8 @@ class Causes:
     def belief(self, prior: ContactPrior | None) -> Belief:
         """Returns the means and deviations of theta, shape and noise that a prior gives; NaN where unknown.
 
-        Without a prior all is unknown. A theta that is has a mean of 0, and so have the sine and cosine of a
-        wave, whose standard deviation is its size: its phase is not known. Length, time constant and band of
-        the shape become logarithms.
+        An unknown theta has a mean of 0, and so have the sine and cosine of a wave, whose standard deviation
+        is its size: its phase is not known. Length, time constant and band of the shape become logarithms.
         """
         n = len(self.linear)
         theta, theta_sd = np.zeros(n), np.full(n, nan)
@@ -264,9 +262,8 @@ def shape_slopes(shape: Array) -> Array:
 
 
 def _least_rms(unit: str) -> float:
-    """Returns the rms of a regressor at the least motion, for a parameter in `unit`: N s^q / m^p, or kg.
-
-    It is (0.1 mm)^p (10 / s)^q.
+    """Returns the rms of a regressor at the least motion, for a parameter in `unit`: N s^q / m^p, or kg. It
+    is (0.1 mm)^p (10 / s)^q.
     """
     over, _, under = unit.replace("kg", "N s^2/m").partition("/")
     lengths, times = (

@@ -68,7 +68,7 @@ class ContactPrior:
 
 
 def exactly(means: Mapping[str, float]) -> ContactPrior:
-    """A prior of these means with hardly any spread, 0.1 %; see `widened`."""
+    """Prior with these means and hardly any spread, 0.1 %; see `widened`."""
     size = [max(_SURE * abs(value), 1e-12) for value in means.values()]
     return ContactPrior(tuple(means), tuple(means.values()), _rows(np.diag(np.square(size))), 0.0)
 
@@ -88,7 +88,7 @@ def joined(first: ContactPrior, second: ContactPrior) -> ContactPrior:
 
 
 def widened(prior: ContactPrior, by: float) -> ContactPrior:
-    """The prior with `by` times the usual spread between two sessions of one patient added to it."""
+    """Copy of the prior with `by` times the usual spread between two sessions of one patient added to it."""
     covariance = np.array(prior.covariance).reshape(len(prior.names), len(prior.names))
     for i, (name, value) in enumerate(zip(prior.names, prior.values, strict=True)):
         spread = _CONTACT_M if name == CONTACT else _SHARES.get(name, _SHARE) * abs(value)
@@ -112,9 +112,8 @@ def _rows(matrix: Array) -> tuple[tuple[float, ...], ...]:
 
 
 def _positive(covariance: Array) -> bool:
-    """True if a covariance is symmetric, and its correlations are positive definite beyond rounding.
-
-    False if a variance is not above 0.
+    """True if a covariance is symmetric, and its correlations are positive definite beyond rounding. False if
+    a variance is not above 0.
     """
     size = np.sqrt(np.clip(np.diagonal(covariance), 0.0, None))
     if not (size > 0.0).all():

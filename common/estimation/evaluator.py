@@ -68,9 +68,8 @@ class Learned(Protocol):
 class Snapshot:
     """All that the learner has learned, for the evaluator; immutable.
 
-    `learned`: a record of `Learned`. `contact`: None before any is known. `band_known`: True
-    once a prediction has been compared with its force. `taught`: the contact as a prior or a model.yaml gave
-    it, else None.
+    `learned`: a record of `Learned`. `contact`: None before any is known. `band_known`: a prediction has been
+    compared with its force. `taught`: the contact as a prior or a model.yaml gave it, else None.
     """
 
     learned: Record
@@ -225,8 +224,8 @@ class Evaluator:
         self._kernels.evaluator_move(self._address, self._own_motion.address)
 
     def hear(self, stamp_s: float, force_n: float) -> None:
-        """Adds a force that was measured at `stamp_s`, the stamp of a `move`. It is ignored if older than the
-        newest one; if far from all before, it waits until the next confirms it, see `forces`.
+        """Adds a force that was measured at `stamp_s`, the stamp of a `move`. Ignores one older than the
+        newest; one far from all before waits until the next confirms it, see `forces`.
         """
         self._reading.pack(stamp_s, force_n)
         self._kernels.evaluator_receive(self._address, self._reading.address)

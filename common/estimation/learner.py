@@ -136,10 +136,9 @@ class Learner:
             self._early.pop()
 
     def _take(self, stamp_s: float, force_n: float, error_m: float) -> None:
-        """Learns from one force, and adds it to the fit of the contact if its motion is known.
-
-        If the predictions are found worse than the zero-order hold, drops prior and model, as with them the
-        same would be predicted again; without them, discards all that was learned and begins with this force.
+        """Learns from one force, and adds it to the fit of the contact if its motion is known. If the
+        predictions are found worse than the zero-order hold, drops prior and model, as with them the same
+        would be predicted again; without them, discards all that was learned and begins with this force.
         """
         self._reading.pack(stamp_s, force_n)
         n = self._learn()
@@ -160,10 +159,9 @@ class Learner:
         return n
 
     def _fit_contact(self, stamp_s: float, place: int, force_n: float, error_m: float) -> None:
-        """Adds a sample to the fit of the contact, applies a finished fit, and starts one that is due.
-
-        If the contact is lost, instead adds to `lost_n` and discards prior, model and all that was learned.
-        `place`: of the sample in the ring; `error_m` is added to the expected position.
+        """Adds a sample to the fit of the contact, applies a finished fit, and starts one that is due. If the
+        contact is lost, instead adds to `lost_n` and discards prior, model and all that was learned. `place`:
+        of the sample in the ring; `error_m` is added to the expected position.
         """
         x_m, v_m_s, a_m_s2 = self._stage[place].tolist()
         x_m += error_m

@@ -20,7 +20,7 @@ _MOVES, _MOVES_S = 0.3, 1.5  # of how deep it was touched, until some seconds of
 
 
 class LostContact:
-    """Judges forces in the order of their stamps."""
+    """Detects, by forces in the order of their stamps, that the wall has given way."""
 
     def __init__(self) -> None:
         self._contact: Contact | None = None
@@ -41,7 +41,7 @@ class LostContact:
         if contact.by_place:
             return False  # foretold without the wall
         if contact is not self._contact:
-            self._take(contact)
+            self._set_margins(contact)
         deep_m, deepest_m = x_m - contact.shape[0], self._deepest_m - contact.shape[0]
         beyond = deep_m > self._place_m + self._moves * max(0.0, deepest_m)
         if beyond and foretold_n > self._force_n and abs(force_n) < _ZERO * foretold_n:
@@ -50,7 +50,8 @@ class LostContact:
             self._since_s, self._deepest_m = inf, max(self._deepest_m, x_m)
         return t_s - self._since_s > _LASTS_S
 
-    def _take(self, contact: Contact) -> None:
+    def _set_margins(self, contact: Contact) -> None:
+        """Sets the margins in force and place for the forces from now on, by those of a new fit."""
         known = dict(zip(contact.names, contact.values, strict=True))
         self._contact, self._noise_n = contact, max(contact.noise_n, _KEEPS * self._noise_n)
         self._force_n = _NOISES * self._noise_n + 2.0 * sum(abs(known.get(wave, 0.0)) for wave in WAVES)

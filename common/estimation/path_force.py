@@ -54,7 +54,7 @@ class PathForce:
             raise ValueError("expected lengths above 0")
 
     def at(self, x_m: float, direction: float) -> float:
-        """Force in N at a place, with s the direction; beyond the last place what is there."""
+        """Force in N at a place, with s the direction; outside the nodes that of the nearest one."""
         place = min(max((x_m - self.low_m) / self.step_m, 0.0), NODES - 1.0)
         i = min(int(place), NODES - 2)
         e, w = self.elastic_n, self.friction_n
@@ -62,7 +62,7 @@ class PathForce:
         return before_n + (place - i) * (after_n - before_n)
 
     def along(self, x_m: Array) -> Array:
-        """Force in N along positions, in their order."""
+        """Force in N along positions that the motion passes in that order, with s of that motion."""
         elastic_n, friction_n = self._between(x_m)
         return elastic_n + friction_n * _direction(x_m, self.length_m)
 
@@ -79,7 +79,10 @@ class PathForce:
 def path_force(
     x_m: Array, force_n: Array, weights: Array, before: PathForce | None, prior: PathForce | None = None
 ) -> PathForce | None:
-    """Minimises (1) for positions in their order; None without motion. `before`: the fit before."""
+    """Fits the force by place to forces at positions, in their order, by (1); None where position or force
+    does not vary. Tries a grid of lengths l and that of `before`, the last fit, which is favoured. With a
+    prior the fit is a change of that, of its l.
+    """
     low_m, range_m, total = float(np.min(x_m)), float(np.ptp(x_m)), float(np.sum(weights))
     if not (range_m > 0.0 and total > 0.0):
         return None

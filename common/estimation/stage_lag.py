@@ -103,10 +103,9 @@ class StageLag:
             self._learn(-v, a, y, dt)
 
     def _learn(self, u1: float, u2: float, y: float, h: float) -> None:
-        """Updates R and r of (S2), and after 1 s of motion sets `lags`, within bounds, and `known`.
-
-        u1, u2: -c' and c'' of the command c; y: deviation of the readback, filtered, in m; h: s since the
-        last pair. T2 is optimal for the bounded T1.
+        """Updates R and r of (S2), and after 1 s of motion sets `lags`, within bounds, and `known`. u1, u2:
+        -c' and c'' of the command c; y: deviation of the readback, filtered, in m; h: s since the last pair.
+        T2 is optimal for the bounded T1.
         """
         motion = min(1.0, (u1 / _TYPICAL_M_S) ** 2 + (u2 / _TYPICAL_M_S2) ** 2)
         keep, products = exp(-motion * h / _MEMORY_S), (u1 * u1, u1 * u2, u2 * u2, u1 * y, u2 * y)

@@ -21,13 +21,13 @@ E = TypeVar("E")
 
 class EventCoalescer(Generic[K, E]):
     """Passes on the first event of a key at once, then one per interval with the count. Any thread adds, one
-    drains.
+    drains. Memory grows with the number of keys.
 
     Args:
-        interval_ns: the least time between two of one key. Keys come from a bounded set, for each is kept.
+        interval_ns: least time between two events of one key that are passed on.
 
     Attributes:
-        total: occurrences of all keys.
+        total: number of events added, of all keys.
     """
 
     def __init__(self, interval_ns: int) -> None:
@@ -44,8 +44,8 @@ class EventCoalescer(Generic[K, E]):
             self.total += count
 
     def drain(self, now_ns: int, last: bool = False) -> list[tuple[K, E, int]]:
-        """Removes and returns what is due, or all with `last`: key, first event, count since it was last
-        drained. A key is due at once the first time, then `interval_ns` after it was last returned.
+        """Removes and returns what is due, or all with `last`: key, first event since its last return, number
+        of these. A key is due at once the first time, then `interval_ns` after its last return.
         """
         if not self._open:
             return []
@@ -63,7 +63,8 @@ Transition = tuple[SafetyState, str, SafetyState, str]
 
 
 class AxisEvents:
-    """Takes events from any thread. `publish` and `write` hand on, on asyncio, what was coalesced.
+    """Limit events for the network and safety events for the log, added by any thread. `publish` and `write`,
+    called on asyncio, send them on, repeated ones coalesced.
 
     Attributes:
         limits: interventions and refusals, on their way to the network.
@@ -84,7 +85,9 @@ class AxisEvents:
         self.limits.add(hit.rule, hit)
 
     def session_answered(self, handshake: Handshake, opened: bool, refused: str | None, now_ns: int) -> None:
-        """Logs the answer to the other end's handshake: why it was `refused`, or that a session opened."""
+        """Logs the answer to the other end's handshake: why it was `refused` (coalesced), or that a session
+        opened; nothing for a repeated handshake of an open session.
+        """
         if refused is not None:
             self._repeat("session_refused", "handshake", **{**peer(handshake), "reason": refused})
         elif opened:
@@ -92,15 +95,15 @@ class AxisEvents:
             self._note("session_opened", now_ns, **peer(handshake))
 
     def session_lost(self, reason: str, now_ns: int) -> bool:
-        """Logs the end of the session, if there was one; True then."""
+        """Logs the end of the session and returns True; False, and no effect, where there was none."""
         session, self._session = self._session, None
         if session is not None:
             self._note("session_lost", now_ns, session=session, reason=reason)
         return session is not None
 
     def publish(self, session_id: int, now_ns: int, last: bool = False) -> None:
-        """Publishes a LimitEvent for each rule that is due (once in 0.1 s), with the count since the last;
-        with `last` for all. `_limited` gets each one first; values are clipped to the range of the message.
+        """Publishes a LimitEvent, with the count since the last one, for each rule that is due (once in 0.1
+        s), or for all with `last`; calls `_limited` before each. Clips values to the message's range.
         """
         for _, hit, count in self.limits.drain(now_ns, last):
             self._limited(hit, count, now_ns)  # first: what can not be published is written down all the same
@@ -114,8 +117,8 @@ class AxisEvents:
             )
 
     def write(self, malformed: Mapping[str, int], now_ns: int, last: bool = False) -> None:
-        """Logs the repeated events that are due, or all with `last`, new malformed payloads among them; adds
-        a notice, once, that the event log has lost lines. `malformed`: such payloads so far, by topic.
+        """Logs the repeated events that are due, or all with `last`; adds a notice, once, if the event log
+        has lost lines. `malformed`: such payloads so far, by topic; new ones are logged, too.
         """
         for topic, count in malformed.items():
             new = count - self._payloads.get(topic, 0)
@@ -128,13 +131,13 @@ class AxisEvents:
         self._drain(self._repeated, now_ns, last)
 
     def _limited(self, hit: LimitHit, count: int, now_ns: int) -> None:
-        """Hook for an end that reports its limits elsewhere, too."""
+        """Does nothing; a subclass reports a limit that is published elsewhere, too."""
 
     def _note(self, event: str, now_ns: int, /, **details: Detail) -> None:
         self._event_sink.note(event, now_ns, self._axis, **details)
 
     def _repeat(self, event: str, name: str, count: int = 1, /, **details: Detail) -> None:
-        """Adds an event that may come in floods. `name`: what entries of this event are counted by."""
+        """Adds an event that may come in floods; `write` logs it, coalesced by event and `name`."""
         self._repeated.add((event, name), details, count)
 
     def _drain(self, coalescer: RepeatedEvents, now_ns: int, last: bool) -> None:

@@ -27,7 +27,7 @@ class Notices:
         self._queue.put(printable(text))
 
     def repeat(self, text: str, now_ns: int) -> None:
-        """Adds the one cause that lasts; at once, then every 5 s, however often it is called."""
+        """Adds a line for the one cause that lasts: at the first call, then at most every 5 s."""
         if self._repeated_ns is None or now_ns - self._repeated_ns >= _REPEAT_NS:
             self._repeated_ns = now_ns
             self.add(text)
@@ -37,7 +37,9 @@ class Notices:
 
 
 def tell_notices(role: str, notices: Mapping[str, Notices], say: Callable[[str], None]) -> None:
-    """Says the lines of a daemon's axes since the last call. A terminal that is gone stops nothing."""
+    """Passes each waiting line of a daemon's axes to `say`, once, after role and axis; an OSError of `say`,
+    as of a terminal that is gone, is ignored.
+    """
     for name, waiting in notices.items():
         for text in waiting.drain():
             with suppress(OSError):

@@ -21,9 +21,9 @@ Detail = str | int | float | bool | None | list[str] | dict[str, str]
 
 
 class EventSink:
-    """Event log, flight recorder and latch; no call blocks, any thread may call.
+    """Port to event log, flight recorder and latch; no call blocks, any thread may call.
 
-    This one keeps nothing, for simulations in virtual time; `forefeel.common.state` has the one that does.
+    This class keeps nothing, for simulations in virtual time; `forefeel.common.state` has the one that does.
 
     Attributes:
         rings: what the flight recorder holds in memory; None where there is none.
@@ -55,7 +55,7 @@ class EventSink:
         return True
 
     def thread_fault(self, axis: str, error: BaseException, now_ns: int) -> None:
-        """Logs that a thread of the daemon has failed; `axis` names the flight record."""
+        """Logs that a thread of the daemon has failed and requests a flight record, named after `axis`."""
         reason = f"{type(error).__name__}: {error}"[:200]
         self.note("thread_fault", now_ns, reason=reason)
         self.flight(axis, "thread_fault", reason, now_ns)
@@ -65,7 +65,7 @@ NULL_EVENT_SINK = EventSink()
 
 
 def peer(handshake: Handshake) -> dict[str, Detail]:
-    """Details of a log event by a handshake: session; the peer's instance, software, settings, drivers."""
+    """Details of a handshake for the log: session; instance, software, settings, drivers of the peer."""
     return {
         "session": handshake.session_id,
         "peer": handshake.instance_id,

@@ -81,7 +81,7 @@ def emergency_stop(by: str, reason: str) -> str:
 
 
 def gap(topic: Topic[Message], before: Message | None, state: Message) -> str:
-    """Text on an end that was silent between two of its states, by its own clock; empty where it was not."""
+    """Text on an end that was silent for too long between two of its states, by its own clock; else empty."""
     if before is None or topic.stale_after_s is None:
         return ""
     silent_s = (state.stamp_ns - before.stamp_ns) * 1e-9
@@ -159,7 +159,7 @@ def units_of(*columns: Mapping[Any, str]) -> Iterator[None]:
 
 
 def shown_unit(unit: str) -> str:
-    """A unit as `units_of` wants it: N/m of a rotation is N m/rad, kg is kg m²."""
+    """Unit as `units_of` has set it: N/m of a rotation is N m/rad, kg is kg m²; else unchanged."""
     length, force = _UNITS.get()
     if unit.endswith("g"):
         return unit + ("", " m", " m²")[(length == "rad") + (force == "N m")]
@@ -181,7 +181,7 @@ def quantity(value: float | None, unit: str) -> str:
 
 
 def power_of_1000(value: float, least: int = -3) -> int:
-    """The power of 1000 of the prefix, from `least` to none."""
+    """Power of 1000 of the prefix that suits `value`, from `least` to 0."""
     return min(0, max(least, floor(log10(abs(value)) / 3.0 + 1e-9))) if value else 0
 
 

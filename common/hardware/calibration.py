@@ -88,7 +88,7 @@ class CellScale(NamedTuple):
 def load_cell_calibration(
     path: Path, driver: str, serial: str, today: date, scale: CellScale
 ) -> LoadCellCalibration:
-    """The calibration in a file, of the device of that driver with that serial number and scale.
+    """Reads a load cell's calibration and checks that it belongs to that driver, serial number and scale.
 
     Raises:
         ConfigurationError: unreadable, of the future or out of date, of another device, or with a gain or

@@ -95,7 +95,7 @@ def imported(place: str) -> Any:  # noqa: ANN401 - whatever stands there
 
 @cache
 def installed_driver(slot: Slot, name: str) -> InstalledDriver:
-    """The driver of that name.
+    """Driver of that name for that slot, imported at the first call.
 
     Raises:
         KeyError: no installed distribution has one.
@@ -118,15 +118,14 @@ def driver_of(slot: Slot, settings: DriverSettings) -> InstalledDriver:
 
 
 def driver_settings(slot: Slot, optional: bool = False) -> BeforeValidator:
-    """Validator of pydantic that turns a section of a YAML file into the settings of the driver it names;
-    None stays where it is `optional`.
+    """Makes a validator of pydantic that turns a section of a YAML file into the settings of the driver that
+    it names; None passes if `optional`.
     """
 
     def read(data: object, info: ValidationInfo) -> object:
-        """Validates a section by the settings of the driver that it names, of those installed for the `slot`
-        of the enclosing call; returns DriverSettings, and None where `optional`, as they are. Raises
-        ValueError: no mapping, or a driver that can not be imported; PydanticKnownError: none is
-        named, or none of that name is installed for the slot.
+        """Validates a section by the settings of the driver that it names; DriverSettings, and None if
+        `optional`, pass unchanged. Raises ValueError: no mapping, or a driver that can not be imported;
+        PydanticKnownError: none named, or not installed for the `slot` of the enclosing call.
         """
         if isinstance(data, DriverSettings) or (optional and data is None):
             return data

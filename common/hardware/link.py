@@ -27,7 +27,7 @@ class LinkState(IntEnum):
 
 
 class DeviceLink:
-    """One device's link: every step of the handshake in turn, every fault counted.
+    """State of one device's link: takes the steps of the handshake in turn, counts every fault.
 
     Attributes:
         name: of the device, for texts: `stage zaber_ascii on /dev/ttyUSB0`.
@@ -59,7 +59,7 @@ class DeviceLink:
         return self._inhibited
 
     def advance(self, to: LinkState) -> None:
-        """Takes `to`, the next step of the handshake, as state; READY does nothing while a fault inhibits it.
+        """Sets the state to `to`, the next step of the handshake, but not to READY while inhibited.
 
         Raises:
             ValueError: `to` is not the next step.

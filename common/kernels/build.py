@@ -36,12 +36,13 @@ def sources_sha256(folder: Path) -> str:
 
 
 def is_current(library: Path) -> bool:
-    """Compares without loading: a library of another processor or with sanitizers can not be loaded."""
+    """True if the library carries the hash of the present sources."""
+    # read and not loaded, which fails for one of another processor or with sanitizers
     return library.exists() and sources_sha256(FOLDER).encode() in library.read_bytes()
 
 
 def compiler() -> list[str]:
-    """Command of the compiler.
+    """Command of the C compiler: $CC, else cc, else that of the package ziglang.
 
     Raises:
         BuildError: there is none.

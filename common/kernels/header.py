@@ -36,7 +36,7 @@ def header() -> str:
 
 
 def _counts() -> Mapping[str, int]:
-    """Lengths and places."""
+    """Integer constants by name: lengths of arrays and places in them."""
     firsts = "FIRST_STOP", "FIRST_RELAXATION", "FIRST_DIFFERENCE", "FIRST_NONLINEAR"
     return {
         **{name: getattr(bank, name) for name in ("RING", "STOPS", "COUNT", *firsts)},
@@ -64,7 +64,7 @@ def _numbers() -> Mapping[str, float]:
 
 
 def _constant_arrays() -> Iterator[tuple[str, str, str]]:
-    """Yields C type, name and comma-separated values of each."""
+    """Yields C type, name and comma-separated values of each constant array."""
     for kind, name, values in (
         ("int", "SPANS", bank.SPANS),
         ("double", "RELAXATIONS_S", bank.RELAXATIONS_S),
@@ -74,10 +74,11 @@ def _constant_arrays() -> Iterator[tuple[str, str, str]]:
 
 
 def _structs() -> dict[str, str]:
-    """Members of each struct, those that others have before them."""
+    """Declarations of each struct's members, by its name; what a struct contains comes before it."""
     structs: dict[str, str] = {}
 
     def add(of: type) -> None:
+        """Adds the struct of a Protocol, behind those that it contains."""
         lines = []
         for name, kind in members(of):
             if isinstance(kind, type):

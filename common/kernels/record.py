@@ -36,7 +36,7 @@ def dtype(of: type) -> np.dtype[np.void]:
 
 @cache
 def _checked_dtype(of: type) -> np.dtype[np.void]:
-    """Type of a record that has the size of C's: another one would let C write beyond it."""
+    """Type of a Protocol's record; raises TypeError if C's has another size: C would write beyond it."""
     known, size = dtype(of), kernels().kernels_record_size(of.__name__.encode())
     if known.itemsize != size:
         raise TypeError(f"{of.__name__}: {known.itemsize} bytes in Python, {size} in C: write state.h anew")

@@ -73,8 +73,8 @@ def reading(path: Path, what: str, package: str) -> Iterator[None]:
 
 
 def table_of(source: Any, *beside: Any) -> ArrayTable:  # noqa: ANN401 - see `load`
-    """Arrays of numbers and of dates by name; anything else is left out. Raises RecordingError for what is
-    none of those of `load`.
+    """Table of the columns of `source`, those of numbers and dates; others are left out. Arrays without names
+    are time, position and, if there, force. Raises RecordingError for what is none of those of `load`.
     """
     names = next((names for of in _NAMES if (names := of(source)) is not None), None)
     if names is not None and not beside:
@@ -97,9 +97,7 @@ _NAMES: tuple[Callable[[Any], Iterable[Any] | None], ...] = (
 
 
 def _without_names(source: Any, *beside: Any) -> dict[str, Any]:  # noqa: ANN401 - see `load`
-    """Time, position and, if there, force by name. Raises RecordingError for other arrays than two or three
-    of equal shape.
-    """
+    """Time, position and, if there, force by name. Raises RecordingError unless two or three of one shape."""
     try:
         columns = np.stack([source, *beside]) if beside else np.asarray(source, np.float64).T
         if columns.ndim == 2 and 2 <= len(columns) <= len(_SI):
@@ -123,7 +121,7 @@ def _floats(values: Any) -> Array:  # noqa: ANN401 - numbers, or dates of any un
 
 
 def spreadsheet(path: Path) -> TextTable:
-    """The first sheet of an .xlsx with `_LEAST_ROWS` rows of numbers, or the first that is not empty.
+    """Table of the first sheet of an .xlsx with 20 rows of numbers, else of the first that is not empty.
 
     Raises:
         RecordingError: not installed, no spreadsheet, or one that unpacks to more than is allowed.
@@ -167,9 +165,9 @@ def _as_text(path: Path) -> tuple[bytes, list[str]]:
 
 
 def parquet(path: Path) -> ArrayTable:
-    """Table of a Parquet file, or of the folder of a LeRobot data set, whose columns are read when they are
-    asked for. Lists become a column an element, `name[i]`, or `name.word` where the data set names it;
-    structs, maps and binary columns are left out. The time of each episode goes on 1 s after the last one.
+    """Table of a Parquet file, or of the folder of a LeRobot data set; a column is read when it is asked for.
+    Lists become a column an element, `name[i]`, or `name.word` where the data set names it; structs, maps and
+    binary columns are left out. Each episode of a data set begins 1 s after the last one ends.
 
     Raises:
         RecordingError: unreadable, or no Parquet file.
@@ -280,7 +278,7 @@ def _parquet_column(files: Sequence[Path], name: str, element: int | None = None
 
 
 def numpy_archive(path: Path) -> ArrayTable:
-    """Table of the arrays of numbers of an .npz that have the most common number of rows; those of Python's
+    """Table of those numeric arrays of an .npz that have the most common number of rows; arrays of Python
     objects, which could run code, are left out. Raises RecordingError: unreadable, too large, or no table.
     """
     arrays: dict[str, Any] = {}
@@ -294,8 +292,8 @@ def numpy_archive(path: Path) -> ArrayTable:
 
 
 def matlab(path: Path) -> ArrayTable:
-    """Table of the numeric variables of a .mat that have the most common number of rows, those in structures
-    by dotted names; version 7.3 is HDF5.
+    """Table of those numeric variables of a .mat that have the most common number of rows; variables in
+    structures have dotted names. Version 7.3 is read as HDF5.
 
     Raises:
         RecordingError: unreadable, damaged, or no table in it.
@@ -318,10 +316,8 @@ def matlab(path: Path) -> ArrayTable:
 
 def _require_matlab_room(path: Path, file: BinaryIO) -> None:
     """Raises RecordingError where the variables of level 5, with what cells and structures hold, would take
-    too much memory. Reads the open file to its end for that.
-
-    Goes from element to element (MAT-File Format, MathWorks, chapter 1), whatever length a matrix states, as
-    scipy does.
+    too much memory. Reads the open file to its end, from element to element (MAT-File Format, MathWorks,
+    chapter 1), whatever length a matrix states, as scipy does.
     """
     head, size = file.read(128), 0
     if 0 in head[:4]:  # of level 4, which packs nothing
@@ -342,7 +338,7 @@ def _memory(data: memoryview, order: str) -> int:
     words, at, size = struct.Struct(f"{order}II"), 0, 0
 
     def element() -> tuple[int, memoryview]:
-        """Kind and bytes of the element at `at`, which goes on behind it, of a matrix behind its tag."""
+        """Kind and bytes of the element at `at`; moves `at` behind it, of a matrix only behind its tag."""
         nonlocal at
         kind, length = words.unpack_from(data, at)
         if small := kind >> 16:  # up to four bytes stand in the tag itself
@@ -369,8 +365,8 @@ def _memory(data: memoryview, order: str) -> int:
 
 
 def hdf5(path: Path) -> ArrayTable:
-    """Table of the numeric data sets of an HDF5 file, by dotted path, that have the most common number of
-    rows; each is read when it is asked for.
+    """Table of those numeric data sets of an HDF5 file that have the most common number of rows, by dotted
+    path; each is read when it is asked for.
 
     Raises:
         RecordingError: not installed, unreadable, damaged, no table in it, or a data set in another file.
@@ -391,8 +387,8 @@ def hdf5(path: Path) -> ArrayTable:
 
 
 def _require_chunks(path: Path, values: Any) -> None:  # noqa: ANN401 - of h5py
-    """Raises RecordingError for a data set of h5py with chunks that unpack beyond the room: one may be larger
-    than its data set, and than its size says. Unpacks chunks of gzip that may be.
+    """Raises RecordingError for a data set of h5py with chunks that unpack beyond the room, whatever its own
+    size says. Unpacks those chunks of gzip that might be so large.
     """
     require_room(path, values.dtype.itemsize * prod(values.chunks or (0,)))
 
@@ -422,17 +418,18 @@ def _flat(variables: Mapping[str, Any], notes: list[str], head: str = "") -> dic
 
 
 def _table(path: Path, arrays: Mapping[str, Any], units: Mapping[str, str] | None = None) -> ArrayTable:
-    """Table of the arrays or data sets of the most common length (the longest of equals), read when asked
-    for; a matrix as its columns `name[i]`, along the longer side. Raises RecordingError where there are none.
+    """Table of those arrays or data sets that have the most common length (of equally common ones the
+    longest), read when asked for. A matrix gives columns `name[i]` along its longer side; other shapes are
+    left out. Raises RecordingError where there are none.
     """
     columns: dict[str, tuple[int, Callable[[], Array]]] = {}
     for name, values in arrays.items():
         sides = [side for side in values.shape or () if side != 1]
         if len(sides) == 2 and min(sides) <= _MOST_ELEMENTS:
             rows = range(min(sides))
-            columns |= {f"{name}[{i}]": (max(sides), partial(_line, path, values, i)) for i in rows}
+            columns |= {f"{name}[{i}]": (max(sides), partial(_column, path, values, i)) for i in rows}
         elif len(sides) == 1:
-            columns[name] = sides[0], partial(_line, path, values)
+            columns[name] = sides[0], partial(_column, path, values)
     lengths = Counter(length for length, _ in columns.values() if length > 1)
     if not lengths:
         raise RecordingError(f"{path}: no arrays of numbers, expected time, position and force")
@@ -441,9 +438,9 @@ def _table(path: Path, arrays: Mapping[str, Any], units: Mapping[str, str] | Non
     return ArrayTable(usable, units or {})
 
 
-def _line(path: Path, values: Any, row: int | None = None) -> Array:  # noqa: ANN401 - an array or a data set
-    """One array, or of a matrix line number `row` along its longer side, as float64; dates in s since 1970.
-    Raises RecordingError: too large, or unreadable.
+def _column(path: Path, values: Any, row: int | None = None) -> Array:  # noqa: ANN401 - an array or a data set
+    """Reads an array, or of a matrix line number `row` along its longer side, as float64; dates in s since
+    1970. Raises RecordingError: too large, or unreadable.
     """
     require_room(path, 8 * values.size)
     with reading(path, "a table", ""):
@@ -457,8 +454,8 @@ def _line(path: Path, values: Any, row: int | None = None) -> Array:  # noqa: AN
 
 
 def tdms(path: Path) -> ArrayTable:
-    """Table of the channels of a LabVIEW file, numbers or dates, that have the most common number of samples,
-    with the file's units; and `time_s` from 0, where the first channel is a waveform.
+    """Table of those channels of a LabVIEW file, numbers or dates, that have the most common number of
+    samples, with the file's units; and `time_s` from 0, if the first of these is a waveform.
 
     Raises:
         RecordingError: not installed, unreadable, damaged, or no table in it.

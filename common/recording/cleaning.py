@@ -22,18 +22,17 @@ _ALONE = 1.5  # times the next largest step of the force; 312 recordings of hidd
 
 
 def clean(time_s: Array, values: Array, names: Sequence[str]) -> tuple[Array, Array, list[str]]:
-    """Stamps that increase, the rows of them, and what was done to get there, in words.
+    """Cleans the rows of a table; returns increasing stamps, the values at them, and notes on what was done.
 
     Args:
         time_s: shape (n,), NaN where it is missing.
         values: shape (columns, n), the same.
         names: of the first columns, which are needed; a number that another one lacks costs no row.
 
-    In turn: of columns with rows of their own those of the last needed one are taken; rows without one of the
-    numbers are dropped; rows that say the same twice in a row, too; rows that came up to 100 intervals late
-    are put in their place; where the time goes back further, another run begins, and its stamps go on 1 s
-    after the last; stamps that several rows share are spread evenly to the next one; a column that is held
-    counts where it is new.
+    In turn: where columns have rows of their own, those of the last needed one are taken; rows without a
+    needed number are dropped, then repetitions of the row before; rows that came up to 100 intervals late are
+    put in their place; where the time goes back further, another run begins, 1 s after the last; stamps that
+    several rows share are spread evenly to the next one; of a column that is held only new values count.
     """
     rows = _Rows(time_s, values, names)
     rows.merge()
@@ -49,7 +48,9 @@ def clean(time_s: Array, values: Array, names: Sequence[str]) -> tuple[Array, Ar
 
 
 class _Rows:
-    """Rows while they are cleaned. `taken_s`: when a held column was taken, by its number."""
+    """Rows while they are cleaned; each method changes them in place and adds notes. `taken_s`: for a held
+    column, by its number, when its values were taken.
+    """
 
     def __init__(self, time_s: Array, values: Array, names: Sequence[str]) -> None:
         self.time_s, self.values, self.names = time_s, values, names
@@ -65,15 +66,15 @@ class _Rows:
         return np.isfinite(self.time_s) & np.isfinite(self.needed).all(axis=0)
 
     def keep(self, which: NDArray[np.bool_], why: str = "") -> None:
-        """Drops the others, with a note if there is a reason to tell."""
+        """Drops the rows that are not in `which`; notes their number if there is a reason `why`."""
         if dropped := np.count_nonzero(~which):
             self.notes += [f"{dropped:,} of {len(which):,} rows dropped {why}"] * (why != "")
             self.time_s, self.values = self.time_s[which], self.values[:, which]
 
     def merge(self) -> None:
-        """Takes the rows of the last needed column, and the others between theirs: the position by a cubic
-        spline, which its mass makes smooth, any other by lines. Does nothing where they stand in the same
-        rows, or the time goes back.
+        """Keeps only the rows of the last needed column and interpolates other columns to them: the position
+        by a cubic spline, which its mass makes smooth, any other by lines. Does nothing where the needed
+        columns stand in the same rows, or the time goes back.
 
         A force is not interpolated: between 50 readings a second dry friction came out 11 % too small.
         """
@@ -97,7 +98,7 @@ class _Rows:
 
     def order(self) -> None:
         """Puts rows up to 100 intervals late in their place; where the time goes back further another run
-        begins, whose stamps go on 1 s after the last.
+        begins, whose stamps are shifted to begin 1 s after the last.
         """
         steps = np.diff(self.time_s)
         back = np.flatnonzero(steps < 0.0)
@@ -118,7 +119,7 @@ class _Rows:
 
     def spread(self) -> None:
         """Spreads stamps that several rows share (rounded, or of a packet of samples) evenly to the next one,
-        over a gap as far as usual. Leaves fewer than three different ones.
+        over a gap as far as usual. Does nothing with fewer than three different stamps.
         """
         first = np.flatnonzero(np.append(True, np.diff(self.time_s) > 0.0))
         if not 3 <= len(first) < len(self.time_s):
@@ -137,7 +138,7 @@ class _Rows:
         self.notes.append(f"{cause}: {len(within) - len(first):,} duplicate stamps spread evenly")
 
     def release(self) -> None:
-        """Makes NaN of what a held column repeats, and notes when the rest was taken."""
+        """Sets to NaN what a held column repeats, and keeps in `taken_s` when its new values were taken."""
         for i, name in enumerate(self.names):
             new, stamps_s = _new(self.time_s, self.values[i])
             if len(new):
@@ -149,9 +150,9 @@ class _Rows:
 
 
 def _new(time_s: Array, column: Array) -> tuple[NDArray[np.int64], Array]:
-    """Rows in which a column that is held for several rows is new, at rest in the same rhythm, and when it
-    was taken: evenly. None where that does not explain every row: a coarse encoder has no rhythm, or makes
-    single steps.
+    """Rows in which a column that is held for several rows has a new value, at rest by the same rhythm; and
+    the evenly spaced stamps at which these were taken. Both empty where no rhythm explains every row: a
+    coarse encoder has none, or makes single steps.
     """
     none, steps = (np.empty(0, np.int64), np.empty(0)), np.diff(column)
     changed = np.flatnonzero(steps) + 1
@@ -175,8 +176,8 @@ def _new(time_s: Array, column: Array) -> tuple[NDArray[np.int64], Array]:
 
 
 def _new_by_rows(time_s: Array, changed: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
-    """Rows in which a held column is new where gaps shift its rhythm, at the rows' own stamps; of a stretch
-    at rest by the rhythm of the others. None where changes have no rhythm in rows.
+    """Rows in which a held column has a new value, where gaps shift its rhythm; and those rows' stamps. At
+    rest by the rhythm of the others. Both empty where the changes have no rhythm in rows.
     """
     gaps, end = np.diff(changed), len(time_s)
     usual = float(np.median(gaps))
@@ -194,7 +195,7 @@ def _new_by_rows(time_s: Array, changed: NDArray[np.int64]) -> tuple[NDArray[np.
 
 
 def _interpolated(stamps_s: Array, values: Array, at_s: Array, degree: int) -> Array:
-    """Values between stamps, up to `_BRIDGED` intervals apart; else NaN."""
+    """Spline values at `at_s`; NaN outside the stamps, and in gaps over `_BRIDGED` usual intervals."""
     from scipy.interpolate import make_interp_spline  # noqa: PLC0415 - slow to import
 
     intervals = np.diff(stamps_s)
@@ -212,7 +213,9 @@ def _hz(time_s: Array) -> str:
 
 
 def unwrapped(stamps: Array, to_s: float) -> tuple[Array, list[str]]:
-    """Stamps of a counter of 16 or 32 bit, or of 32 bit in us, without its wraps, and a note on them."""
+    """Stamps of a counter of 16 or 32 bit, or of 32 bit in us, continued over its wraps, and a note on these;
+    other stamps unchanged, without a note. `to_s`: their unit in s.
+    """
     steps = np.diff(stamps)
     back, usual = np.flatnonzero(steps < 0.0), float(np.nanmedian(np.abs(steps))) if len(steps) else 0.0
     for size, what in ((2.0**16, "2^16"), (2.0**32 * 1e-6 / to_s, "2^32 us"), (2.0**32, "2^32")):
@@ -224,8 +227,8 @@ def unwrapped(stamps: Array, to_s: float) -> tuple[Array, list[str]]:
 
 
 def without_full_scale(values: Array, name: str) -> tuple[Array, list[str]]:
-    """Values with NaN for readings of a converter's full scale, and a note on them: far beyond all others
-    they repeat one number, or have the digits of 2^n - 1 or 2^n.
+    """Values with NaN for readings of a converter's full scale, and notes on them: extremes far beyond all
+    other values that repeat one number, or have the digits of 2^n - 1 or 2^n.
     """
     known, notes = values[np.isfinite(values)], list[str]()
     for extreme in (known.min(initial=np.inf), known.max(initial=-np.inf)):
@@ -240,8 +243,9 @@ def without_full_scale(values: Array, name: str) -> tuple[Array, list[str]]:
 
 
 def of_one_zero(time_s: Array, position: Array, force: Array, unit: str) -> tuple[Array, list[str]]:
-    """Force without up to three steps from one row to the next that no others are like, that stay, and that a
-    stiffness which changes there does not explain as well; and notes on them.
+    """Takes out of a force the steps with which its zero was set anew, and returns notes on them; else the
+    force unchanged and no notes. A step goes from one row to the next, is one of up to three far larger than
+    all others, stays, and is not explained as well by a stiffness that changes there.
     """
     intervals, jumps = np.diff(time_s), np.diff(force)
     jumps[intervals > _BRIDGED * np.median(intervals)] = 0.0

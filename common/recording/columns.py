@@ -73,10 +73,10 @@ class Choice:
 
 
 def candidates(names: Sequence[str], units: NamedUnits[str, str], quantity: Quantity) -> list[Choice]:
-    """Columns that may hold the quantity, by the first that holds of any: the canonical name, such as
-    `time_s`; a word of the quantity and a unit; the word alone; the unit alone; a letter of the quantity; a
-    name that says nothing. None of a derivative, or that states another quantity. `units`: of the file, by
-    column.
+    """Columns that may hold the quantity: those of the best class that has any. In order: the canonical name,
+    such as `time_s`; a word of the quantity and a unit; the word alone; the unit alone; a letter of the
+    quantity; a name that says nothing. Left out are derivatives and names of other quantities; setpoints (of
+    a force always) and parts along x, y, z where there are others. `units`: of the file, by column.
     """
     canonical = _CANONICAL[quantity]
     if canonical in names:
@@ -108,7 +108,7 @@ def candidates(names: Sequence[str], units: NamedUnits[str, str], quantity: Quan
 
 
 def _states_another(name: str, units: NamedUnits[str, str], quantity: Quantity) -> bool:
-    """True if name or file state a unit, and it is none of the quantity."""
+    """True if the name or the file states any unit; called for a name without a unit of the quantity."""
     stated = units.get(name, "").strip(" -[]()")
     others = (split_unit(name, other)[1] for other in QUANTITIES if other != quantity)
     return bool(stated) or any(others) or any(_FOREIGN.fullmatch(part.strip()) for part in _parts(name))
@@ -143,7 +143,7 @@ def is_rotary(name: str) -> bool:
 
 
 def is_of_a_joint(name: str) -> bool:
-    """True of what may be an angle or a length, a torque or a force."""
+    """True if it names a joint or its effort, which may be an angle or a length, a torque or a force."""
     return _JOINT.search(_plain(name)) is not None
 
 
@@ -159,7 +159,9 @@ def words_of(name: str) -> set[str]:
 
 
 def split_unit(name: str, quantity: Quantity) -> tuple[str, str | None]:
-    """`Force (mN)`, `force_mn`, `F / mN`: (force, mN); None: it names no unit of the quantity."""
+    """Name without its unit, and the unit, if it is one of the quantity: (Force, mN) of `Force (mN)`,
+    `Force_mN` and `Force / mN`; else the whole name and None.
+    """
     plain = _NUMBERED.sub("", name)
     for match in _BRACKETED.finditer(plain):
         if (unit := unit_of(quantity, match[1])) is not None:
@@ -183,6 +185,6 @@ def _parts(name: str) -> list[str]:
 
 
 def _plain(name: str) -> str:
-    """Lower case without accents, grown words apart, without a title that ends in `: `."""
+    """Name in lower case, without accents, without a title that ends in `: `, camel case apart."""
     text = _GROWN.sub(r"\1 \2", name.rpartition(": ")[2])
     return "".join(letter for letter in normalize("NFKD", text) if not combining(letter)).lower()

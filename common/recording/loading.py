@@ -45,14 +45,14 @@ def load(
     axis: str | None = None,
     rate_hz: float | None = None,
 ) -> Recording:
-    """A recording from a file, from arrays by name, or from a DataFrame.
+    """Loads a recording from a file, from arrays, or from a DataFrame.
 
     Args:
         source: a file of one of `SUFFIXES`; columns of equal shape (n,), by name, as a DataFrame or as a
-            structured array; or, in s, m and N, an array of shape (n, 2) or (n, 3), or with `beside` of
-            shape (n,), of time, position and, where it was measured, force.
-        time, position, force: the columns, each as `unit:column`, such as `mm:laser`; by default those that
-            their names tell. `Recording.taken` says which.
+            structured array; or, in s, m and N, an array of shape (n, 2) or (n, 3), or with `beside` of shape
+            (n,), of time, position and, where it was measured, force.
+        time, position, force: the columns, each as `unit:column`, such as `mm:laser`; by default chosen by
+            their names. `Recording.taken` says which.
         axis: of a recorded run with several.
         rate_hz: of the rows, where no column has their time.
 
@@ -73,11 +73,11 @@ def load_recording(
     force: bool | None = None,
     check: Check = lambda _: None,
 ) -> Recording:
-    """The recording in a file of one of `SUFFIXES`, or in the folder of a LeRobot data set.
+    """Loads the recording in a file of one of `SUFFIXES`, or in the folder of a LeRobot data set.
 
-    Which column is what, and its unit, is taken from the names where they say it. Rows that can not be used
-    are dropped. `Recording.taken` tells both. `axis` chooses one of an MCAP file of ours; it may be left out
-    when there is only one. `force`: whether it is needed; None: where it is there; False: not looked for.
+    Columns and units that `mapping` does not give are chosen by their names. Rows that can not be used are
+    dropped. `Recording.taken` tells both. `axis` chooses one of an MCAP file of ours; it may be left out when
+    there is only one. `force`: True: it is needed; None: taken where it is there; False: not looked for.
     `check` raises a RecordingError for a recording of no use: an UnclearError offers only what passes it.
 
     Raises:
@@ -97,8 +97,8 @@ def load_recording(
 
 
 def recordings_in(folder: Path) -> list[Path]:
-    """Sorted paths of the files with one of `SUFFIXES` in a folder, or of a LeRobot data set that itself;
-    hidden files are left out.
+    """Sorted paths of the recordings in a folder: files with one of `SUFFIXES` that are not hidden; of a
+    LeRobot data set the folder itself.
 
     Raises:
         ConfigurationError: none, or the folder can not be read.
@@ -123,8 +123,8 @@ def recording_of(
     force: bool | None = None,
     check: Check = lambda _: None,
 ) -> Recording:
-    """The recording in a table, in SI and cleaned; see `load_recording`, also for what is raised. `source`:
-    head of error texts. The time keeps its origin, but stamps since 1970 begin at 0.
+    """Makes the recording of a table, in SI and cleaned; see `load_recording`, also for what is raised.
+    `source`: head of error texts. The time keeps its origin, but stamps since 1970 begin at 0.
     """
     mapping, columns = mapping or Mapping(), ReadOnce(table)
     chosen, doubts, equals = _chosen(source, columns, mapping, force)
@@ -164,13 +164,15 @@ def recording_of(
 def _in_si(
     table: Table, chosen: "Chosen", rate_hz: float | None, notes: list[str]
 ) -> tuple[Array, list[Array]]:
-    """Time, by stamps or by `rate_hz`, and the other columns, with notes on wraps and full scales."""
+    """Reads the chosen columns in SI: time, by stamps or by `rate_hz`, and the others. Wraps of the time are
+    continued, full scales set to NaN; both add to `notes`.
+    """
     columns = table.read([column for column, _ in chosen.values()])
     read = dict(zip(chosen, columns, strict=True))
     if rate_hz is None:
         to_s = TO_SI["time"][chosen["time"][1]]
         stamps, done = unwrapped(read.pop("time"), to_s)
-        time_s = (stamps - _first(stamps)) * to_s
+        time_s = (stamps - _origin(stamps)) * to_s
     else:
         time_s, done = np.arange(len(columns[0])) / rate_hz, [f"rows at {rate_hz:g} Hz"]
     notes += done
@@ -188,7 +190,7 @@ _MOST_FURTHER = 8  # columns that are kept beside: a wide table costs no more me
 
 
 def _further(table: Table, taken: Collection[str]) -> list[Column]:
-    """Columns besides those that are taken which state a unit, are numbers and change."""
+    """Reads up to 8 columns, not `taken`, of a known unit, in SI, that change; none if one is unreadable."""
     stated = further([name for name in table.names if name not in taken], table.units)[:_MOST_FURTHER]
     try:
         read = table.read([name for name, _, _ in stated]) if stated else []
@@ -199,8 +201,8 @@ def _further(table: Table, taken: Collection[str]) -> list[Column]:
     return [c for c in columns if np.isfinite(c.values).any() and np.nanstd(c.values) > 0.0]
 
 
-def _first(values: Array) -> float:
-    """First of stamps since 1970, whose differences lose nothing; 0 for others: they keep their origin."""
+def _origin(values: Array) -> float:
+    """First finite value of stamps since 1970, which is subtracted; 0 of others, which keep their origin."""
     finite = values[np.isfinite(values)]
     return float(finite[0]) if len(finite) and abs(finite[0]) > 1e6 else 0.0
 
@@ -214,10 +216,9 @@ Doubts = dict[Quantity, list[Choice]]
 def _chosen(
     source: str, table: Table, mapping: Mapping, force: bool | None
 ) -> tuple[Chosen, Doubts, dict[str, str]]:
-    """Column and unit of each quantity, as given or by its name; the columns of each that is in doubt; and
-    the columns that equal another, by name. A force that is not given is left out where `force` is False, or
-    None and no column is named so. No time where a rate is given. Raises RecordingError where a given column
-    is missing.
+    """Column and unit of each quantity, as given or by its name; the candidates of each quantity in doubt;
+    and the columns that equal another one, by name. No force where `force` is False, or None and no column is
+    named so; no time where a rate is given. Raises RecordingError where a given column is missing.
     """
     chosen, doubts, equals = dict(mapping.columns()), Doubts(), dict[str, str]()
     for quantity, (column, _) in chosen.items():
@@ -249,8 +250,9 @@ def _unclear(
     doubts: Doubts,
     trial: Callable[[Mapping], None],
 ) -> RecordingError:
-    """UnclearError on what is in doubt, with columns and units that are likely, once they passed the `trial`
-    or with what that asks for. RecordingError where they are not all there, or that refuses them.
+    """Makes the error on what is in doubt: an UnclearError with likely columns and units, and with what
+    `trial` of them asks for besides. A RecordingError if some have no likely column (UntimedError if the time
+    is one), or if `trial` refuses them.
     """
     likely: dict[Any, Any] = propose(table, chosen, doubts)
     doubt = f"{source}: {'; '.join(doubt_about(*item) for item in doubts.items())}"

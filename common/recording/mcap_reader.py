@@ -130,10 +130,10 @@ class Run:
         return self._columns[key][name]
 
     def to_recording(self, axis: str | None = None) -> Recording:
-        """Readback and measured force of the valid force samples, by the slave's stamps, in s from the first.
+        """Recording of the valid force samples: readback and force, by the slave's stamps, in s from 0.
 
         Samples that arrived late are put in their place, doubled ones dropped. `axis` may be left out when
-        there is only one; the positions of others stand beside it.
+        there is only one; the positions of other axes that move stand beside.
 
         Raises:
             RecordingError: fewer than 2 valid samples, no such axis, or several to choose from.
@@ -153,7 +153,7 @@ class Run:
         )
 
     def _positions(self, axis: str, stamps_ns: NDArray[np.int64]) -> Iterator[Column]:
-        """Yields the positions of the other axes that move, at these stamps."""
+        """Yields the positions of the other axes, interpolated at these stamps, of those that move then."""
         for other in self.axes:
             at, first = np.unique(self.column(other, FORCE, "stamp_ns"), return_index=True)
             if other != axis and len(at):
@@ -225,7 +225,7 @@ def decoded_one(kind: type[M], payload: bytes, where: str) -> M:
 
 
 def _columns(kind: type[M], blocks: Iterator[list[M]]) -> Columns:
-    """Fields that hold numbers, as arrays over all messages, None as NaN; text and lists are left out."""
+    """Arrays, over all messages, of the fields that always hold numbers, None as NaN; others are left out."""
     parts: dict[str, list[NDArray[Any]]] = {name: [] for name in kind.model_fields}
     for block in blocks:
         for name in list(parts):

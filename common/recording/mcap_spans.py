@@ -42,9 +42,9 @@ class _Chunk(NamedTuple):
 
 
 class RunSpans:
-    """A run, read a span at a time, for several threads.
+    """Reads a recorded run a span of time at once; for several threads.
 
-    In memory stand the places of the chunks, and the last few chunks that were read. They are told by the
+    In memory stand the places of the chunks, and the last few chunks that were read. The places come from the
     file's summary; a file whose writer was killed has none, and is gone through once.
 
     Attributes:
@@ -111,7 +111,7 @@ class RunSpans:
 
 
 def _index(file: BinaryIO, path: Path) -> tuple[list[Channel], list[_Chunk], list[Metadata]]:
-    """Channels, chunks and metadata, by the summary of the file; where that is missing, damaged or lists no
+    """Channels, chunks and metadata, from the summary of the file; where that is missing, damaged or lists no
     chunks, by going through the file once.
     """
     try:

@@ -58,7 +58,7 @@ class _ChunkedFile:
         self._put(records.Header("", LIBRARY_IDENTIFIER))
 
     def topic(self, key: str, kind: type[Message], metadata: dict[str, str]) -> _Topic:
-        """Declares a channel, with its schema where that is new."""
+        """Declares a channel in the chunk in progress, with its schema where that is new, and returns it."""
         name = kind.__name__
         if name not in self._schemas:
             text = json.dumps(kind.model_json_schema(mode="serialization"))
@@ -157,7 +157,7 @@ def _bytes(record: records.McapRecord) -> bytes:
 
 
 class RunWriter:
-    """Writes messages, or payloads as they come from the wire; for one thread.
+    """Writes messages, or payloads as they come from the wire, to a new file; for one thread.
 
     A process that is killed leaves everything up to the last `end_chunk`, a host without power up to the last
     `flush`: of a file without its summary the reader takes the whole chunks.
@@ -226,13 +226,13 @@ class RunWriter:
             self._mcap.add_metadata(name, dict(values))
 
     def end_chunk(self) -> None:
-        """Hands everything to the operating system: it survives the end of this process."""
+        """Ends the chunk and hands it to the operating system: it survives the end of this process."""
         with self._failing_as_run_error():
             self._mcap.end_chunk()
             self._file.flush()
 
     def flush(self) -> None:
-        """Puts everything on the disk: it survives a loss of power."""
+        """Ends the chunk and puts everything on the disk: it survives a loss of power."""
         self.end_chunk()
         with self._failing_as_run_error():
             os.fsync(self._file.fileno())

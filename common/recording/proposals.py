@@ -63,8 +63,8 @@ class Likely(NamedTuple):
 def different(
     table: Table, quantity: Quantity, choices: list[Choice], equals: dict[str, str]
 ) -> list[Choice]:
-    """Choices without those that equal an earlier one row by row, which are put into `equals`, by column, and
-    without times that do not grow. A single one is not looked at.
+    """Removes columns that equal an earlier one of the same unit row by row, which it adds to `equals`
+    (column to earlier one), and times that do not grow. A single choice is returned unread.
     """
     if len(choices) < 2:
         return choices
@@ -85,7 +85,8 @@ def different(
 def propose(
     table: Table, chosen: Mapping[Quantity, tuple[str, str]], doubts: Mapping[Quantity, list[Choice]]
 ) -> dict[Quantity, str]:
-    """`unit:column` of each quantity in doubt for which one is likely. `chosen`: columns and units that are
+    """Likely `unit:column` of quantities in doubt: the first time, and the position and force that go
+    together best. Leaves out a quantity for which any column would be a guess. `chosen`: columns that are
     sure.
     """
     silent = [q for q, choices in doubts.items() if not any(choice.named for choice in choices)]
@@ -116,8 +117,8 @@ def propose(
 
 
 def _likeness(names: list[str], positions: list[Likely], pair: tuple[Likely, Likely]) -> tuple[float, ...]:
-    """Order in which a position and a force go together: of the same axis, and with the same words; of axes
-    that which moves most; the force that stands nearest.
+    """Sort key, larger is likelier, of a position and a force that belong together: they are of the same
+    axis; share words; where all positions name an axis, that one moves most; their columns stand near.
     """
     position, force = pair
     return (
@@ -129,7 +130,7 @@ def _likeness(names: list[str], positions: list[Likely], pair: tuple[Likely, Lik
 
 
 def doubt_about(quantity: Quantity, choices: Sequence[Choice]) -> str:
-    """Words on a quantity that is not sure; `choices`: the columns that may hold it."""
+    """Text on a quantity that is not sure; `choices`: the columns that may hold it."""
     names = ", ".join(repr(choice.column) for choice in choices)
     silent = "" if any(choice.named for choice in choices) else f"no {quantity}: no column is named so"
     several = f"{names} may each be the {quantity}" if len(choices) > 1 else ""
@@ -154,9 +155,9 @@ def _changes(quantity: Quantity, values: Array) -> bool:
 
 
 def _likely_unit(quantity: Quantity, name: str, values: Array) -> str | None:
-    """The first unit with which a bench is as large, as fast and as strong as benches are; None where there
-    is none, of a joint, which may turn or slide, or where the column counts: rows in place of time, or the
-    steps of a converter.
+    """Likely unit of a column that states none: the first in which its interval, travel or force is that of a
+    bench. None where there is none, of a joint, which may turn or slide, and where the column counts: rows in
+    place of time, or the steps of a converter.
     """
     values = values[np.isfinite(values)]
     steps = np.diff(values)

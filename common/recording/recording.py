@@ -26,8 +26,7 @@ _MOST_EXPANSION = 100  # unpacked bytes for each byte of a compressed file, see 
 
 
 def room_of(path: Path) -> int:
-    """The bytes that a compressed file may unpack to (of a table: each column): 16 MiB and a hundred times
-    its size.
+    """Bytes that a compressed file may unpack to (of a table: each column): 16 MiB and 100 times its size.
 
     16 MiB are half an hour of a column at 1 kHz, whatever it holds. A hundredfold is beyond any measurement:
     noise is a byte of each eight of a number, and the JSON of a message shrinks some tenfold.
@@ -89,7 +88,7 @@ class Recording:
         check_samples({**columns, **beside}, self.source, lambda index: f"{self.source}: sample {index}")
 
     def cut(self, part: slice | NDArray[np.bool_]) -> "Recording":
-        """Some of its samples."""
+        """Recording of some of the samples, those that `part` selects."""
         columns = {key: getattr(self, key) for key in ("time_s", "position_m", "force_n")}
         some = {key: values[part] for key, values in columns.items() if values is not None}
         beside = tuple(replace(column, values=column.values[part]) for column in self.further)
@@ -119,7 +118,7 @@ class Recording:
 
     @property
     def taken(self) -> str:
-        """In one line what was taken for what; empty where the file says it itself."""
+        """Text, in one line, on the columns taken and what was changed; empty where there is nothing."""
         columns = ", ".join(f"{quantity} {text}" for quantity, text in self.columns.items())
         beside = ", ".join(column.name for column in self.further)
         return "; ".join(filter(None, (columns, beside and f"beside {beside}", *self.notes)))
@@ -150,7 +149,9 @@ class Recording:
 
 
 def joined(recordings: Sequence[Recording], apart_s: float) -> Recording:
-    """Recordings in turn, stamps from 0, `apart_s` between two; of further columns those that all have."""
+    """Joins recordings, all with a force, in turn: stamps from 0, `apart_s` between two; only further columns
+    that all have.
+    """
     first, *more = recordings
     stamps, now_s = [], 0.0
     for recording in recordings:
@@ -175,7 +176,7 @@ def joined(recordings: Sequence[Recording], apart_s: float) -> Recording:
 
 
 def check_samples(columns: Mapping[str, Array], source: str, where: Callable[[int], str]) -> None:
-    """Refuses samples that are no recording; the first column is time, `where` names the place of a sample.
+    """Checks the samples of a recording; the first column is time, `where` names the place of a sample.
 
     Raises:
         RecordingError: shapes that differ, fewer than 2 samples, a value that is not finite, time that
@@ -224,7 +225,7 @@ def reason_of(error: BaseException) -> str:
 
 
 def _frozen(values: ArrayLike) -> Array:
-    """Read-only; not copied when nobody can write to it: an hour at 1 kHz is 29 MB a column."""
+    """Read-only array, not copied where nobody can write to it: an hour at 1 kHz is 29 MB a column."""
     if isinstance(values, np.ndarray) and values.dtype == np.float64 and _fixed(values):
         return values
     copy = np.array(values, dtype=np.float64)

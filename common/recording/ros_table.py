@@ -32,14 +32,14 @@ _MOST_ELEMENTS = 32  # of an array in a message that become columns
 
 
 class RosTable:
-    """The numbers of each topic as columns `topic.field`, with a row for each message of any topic, by its
-    stamp; in the rows of other topics they are NaN.
+    """Table of ROS messages: the numbers of each topic as columns `topic.field`, with a row for each message
+    of any topic, by its stamp; NaN in the rows of other topics.
 
     Attributes: see `TextTable`.
     """
 
     def __init__(self, path: Path, cut: bool = False) -> None:
-        """Reads all of the file; of an MCAP file that is `cut` off what is before.
+        """Reads the file, if `cut` off up to the cut; numbers that never change give no column.
 
         Raises:
             RecordingError: not installed, unreadable, damaged, or no numbers in it.
@@ -148,8 +148,8 @@ def _require_message(path: Path, kind: str, packed: int, definitions: Any, sizes
 
 
 def _size(field: Any, definitions: Any, sizes: dict[str, Size]) -> Size:  # noqa: ANN401 - of rosbags
-    """Bounds of a field's size: least bytes in a file, bytes in memory then, and the most for each further
-    one. `field`, `definitions`: as of rosbags; `sizes` keeps the results by the name of a type.
+    """Bounds of a field's size: least bytes in a file; bytes in memory for these; most bytes in memory for a
+    further one. `field`, `definitions`: as of rosbags; `sizes`: cache of results by type name.
     """
     node, of = field
     if node == _BASE:

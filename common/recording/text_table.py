@@ -51,7 +51,7 @@ class Layout:
 
 
 class TextTable:
-    """A table of text. Its encoding, delimiter, decimal sign, header and row of units are found.
+    """Table in a text file, whose encoding, delimiter, decimal sign, header and row of units it finds out.
 
     Attributes:
         names: of the header; `1`, `2`, ... without one.
@@ -99,17 +99,17 @@ class TextTable:
 
     @contextmanager
     def _rows(self) -> Iterator[Iterator[str]]:
-        """Context with the lines from the first row on, with decimal points."""
+        """Context with the lines from the first row on; decimal commas are made points."""
         layout = self._layout
         with self._source(self._path) as file, io.TextIOWrapper(file, layout.encoding) as text:
             rows = islice(text, layout.first, None)
             yield (row.replace(",", ".") for row in rows) if layout.decimal == "," else rows
 
     def _numbers(self, rows: Iterator[str], places: Sequence[int]) -> list[Array]:
-        """Columns of numbers, none of which is missing, of rows with a cell for each name.
+        """Reads the columns `places` by numpy, of a table with nothing but rows of equal width.
 
         Raises:
-            ValueError: other columns, or other rows.
+            ValueError: such a column is no numbers, a cell is missing, or a row has another width.
         """
         types = ["U1"] * len(self.names)  # of what is not wanted
         for i in places:
@@ -127,7 +127,7 @@ class TextTable:
         return [np.array(table[str(i)]) for i in places]
 
     def _cells(self, rows: Iterator[str], places: Sequence[int]) -> list[Array]:
-        """Columns of any table, a cell at a time; errors and notes as of `read`."""
+        """Reads the columns `places` of any table, a cell at a time; errors and notes as of `read`."""
         delimiter, width = self._layout.delimiter, len(self.names)
         reader = map(str.split, rows) if delimiter == _BLANK else csv.reader(rows, delimiter=delimiter)
         columns = [array("d") for _ in places]
@@ -198,8 +198,8 @@ def _decoded(head: bytes) -> tuple[str, str]:
 
 
 def _delimiter(lines: Sequence[str]) -> tuple[str, int]:
-    """The first delimiter that cuts most lines into equally many cells, at least two, and that number; a
-    comma and 1 where none does.
+    """Delimiter, the first that cuts more than half of the lines into equally many cells, at least two, and
+    that number; a comma and 1 where none does.
     """
     for delimiter in (*_DELIMITERS, _BLANK):
         widths = Counter(len(_split(line, delimiter)) for line in lines)
@@ -232,7 +232,7 @@ def _kind(cells: Sequence[str]) -> str:
 
 def _header(above: list[list[str]], width: int) -> tuple[list[str], list[str]]:
     """Names and units of `width` columns from the cells of the lines above the first row; a comment may be
-    the header. A column without a name has its number, without a row of units an empty one.
+    the header. A column without a name gets its number as name; without a row of units each unit is empty.
     """
     above = [c[1:] if len(c) == width + 1 and c[0].endswith(":") else c for c in above]  # columns: t x F
     lines = [cells for cells in above if len(cells) == width or len(cells) == width - 1]
@@ -247,6 +247,6 @@ def _header(above: list[list[str]], width: int) -> tuple[list[str], list[str]]:
 
 
 def _distinct(names: Sequence[str]) -> tuple[str, ...]:
-    """A name that stands twice gets its column's number."""
+    """Names, with the column's number added to each that stands twice."""
     twice = {name for name, times in Counter(names).items() if times > 1}
     return tuple(f"{name} {i + 1}" if name in twice else name for i, name in enumerate(names))

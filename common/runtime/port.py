@@ -36,8 +36,8 @@ class Runtime(Protocol):
         ...
 
     def compute(self, work: Callable[[Pause], T]) -> "Future[T]":
-        """The result of `work`, which may take long: in a thread of its own, in virtual time at once. It
-        calls what it is given between pieces of at most some 0.1 ms.
+        """Runs `work`, which may take long, in a thread of its own, in virtual time at once; returns the
+        future of its result. `work` is given a function to call between pieces of at most some 0.1 ms.
         """
         ...
 

@@ -103,8 +103,8 @@ class RealRuntime:
         return tuple(loop.lateness.ticks for loop in self._loops)
 
     def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
-        """Adds a loop that calls `tick` every `period_ns` in its own thread; returns its lateness. After each
-        tick a gap for computations opens, which ends half a period after the tick's stamp.
+        """Registers a loop that calls `tick` every `period_ns` in its own thread; returns its lateness. Each
+        tick opens a gap for computations, until half a period after the tick's stamp.
         """
 
         def ticked(now_ns: int) -> None:
@@ -125,11 +125,9 @@ class RealRuntime:
         self._reactions.append(reaction)
 
     def fault(self, error: BaseException) -> None:
-        """Keeps the first error in `error` and runs the safety reactions, on the thread that failed; then
-        sets `stopping`, which ends the daemon.
-
-        A reaction that fails in spite of its contract keeps neither the others from theirs nor the daemon
-        alive; what it raised is raised then.
+        """Runs the safety reactions on the thread that failed, then sets `stopping`, which ends the daemon;
+        keeps the first error in `error`. A reaction that raises, in spite of its contract, prevents neither
+        the others nor the end; its error is raised afterwards.
         """
         if self.error is None:
             self.error = error
@@ -167,8 +165,8 @@ class RealRuntime:
             raise RunError(f"stopped by a fault: {type(self.error).__name__}: {self.error}") from self.error
 
     async def _periodic(self, period_ns: int, tick: Tick) -> None:
-        """Calls `tick` at once and every period until it is cancelled; an exception is a fault and ends it.
-        After a call that starts a period late or more, it counts anew from there.
+        """Calls `tick` at once and every period until cancelled; an exception of it is a fault and ends this.
+        After a call that starts a period late or more, the next one comes a period later.
         """
         deadline_ns = self.clock.now_ns()
         try:

@@ -33,8 +33,9 @@ def raise_descriptor_limit() -> None:
 
 
 def prepare_process() -> str:
-    """Settles the process for real-time loops: more descriptors, a short switch interval of the interpreter,
-    a frozen garbage collection, locked memory; returns in words whether memory was locked.
+    """Prepares the process for real-time loops: raises the limit of descriptors, shortens the switch
+    interval, exempts present objects from garbage collection, locks memory; returns in words whether it did
+    lock.
 
     Memory is locked page by page as it is touched, so that the resident size does not grow by unused stacks.
     """
@@ -49,8 +50,8 @@ def prepare_process() -> str:
 
 
 def prepare_thread(priority: int) -> str:
-    """Asks for the finest timer slack for this thread, and for SCHED_FIFO unless `priority` is 0; returns in
-    words what was granted.
+    """Asks for the finest timer slack for this thread, and for SCHED_FIFO unless `priority` is 0; returns the
+    scheduling that was granted, in words.
     """
     ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, 1, 0, 0, 0)
     if priority == 0:
@@ -64,7 +65,7 @@ def prepare_thread(priority: int) -> str:
 
 
 def raise_threads(priority: int) -> None:
-    """Asks for SCHED_FIFO for every thread of the process that has run under normal scheduling until now."""
+    """Sets SCHED_FIFO of that priority for all threads that the process has now, where permitted."""
     for _ in range(2):  # a second time for what was just being started
         for thread in _threads():
             with suppress(OSError):  # not granted, as `prepare_thread` says of the loop; or ended
@@ -76,12 +77,12 @@ def _threads() -> list[int]:
 
 
 def keep_core(highest: bool) -> None:
-    """Keeps the threads of a process under SCHED_FIFO on a core that no other daemon of this host keeps.
-    Without such a core, and under normal scheduling, the kernel goes on choosing.
+    """Pins all threads of the process to the first core that no other daemon of this host has taken, until
+    the process ends. Does nothing under normal scheduling, or where no core is free.
 
-    It wakes each thread on whatever core is idle, which costs an eighth more processor time and doubles the
-    lateness (docs/decisions/0008). `highest`: from which end of the cores it takes the first free one; master
-    and slave in containers, which do not see each other, begin at different ends.
+    The kernel wakes each thread on whatever core is idle, which costs an eighth more processor time and
+    doubles the lateness (docs/decisions/0008). `highest`: searches from the last core down; master and slave
+    in containers, which do not see each other, begin at different ends.
     """
     if os.sched_getscheduler(0) != os.SCHED_FIFO:
         return
@@ -103,8 +104,9 @@ _KEPT: list[socket.socket] = []
 
 
 def go_before(steps: int) -> None:
-    """Raises the calling thread above those of its priority, where it runs under SCHED_FIFO; those that it
-    starts inherit it. Equals of SCHED_FIFO wait for each other, however long one of them computes.
+    """Raises the calling thread's priority under SCHED_FIFO by `steps`; threads that it starts inherit it.
+    Does nothing under normal scheduling, or where not permitted. Equals of SCHED_FIFO wait for each other,
+    however long one of them computes.
     """
     if os.sched_getscheduler(0) != os.SCHED_FIFO:
         return
@@ -114,10 +116,10 @@ def go_before(steps: int) -> None:
 
 
 class WakeUp:
-    """Lateness of the kernel in waking this thread: `spin_ns`, by which it is less late in 19 of 20 wake-ups.
+    """Estimates how late the kernel wakes this thread: `spin_ns`, the 95 % quantile, from 0 to 0.15 ms.
 
-    A stochastic approximation of the quantile (Robbins and Monro 1951): up by 0.95 of the step where
-    a wake-up was later, else down by 0.05 of it.
+    A stochastic approximation of the quantile (Robbins and Monro 1951): up by 0.95 of the step where a
+    wake-up was later, else down by 0.05 of it.
     """
 
     # of the quantile; the rest would cost as much again (docs/decisions/0008)
@@ -133,9 +135,9 @@ class WakeUp:
 
 
 class RealtimeThread:
-    """Calls `tick` every `period_ns`; a tick that is a period or more late skips the missed deadlines,
-    counted. A clock that goes back is a fault, for what has become too old would be young again; the loop
-    goes on, so that it can react. A tick that raises is a fault, too, and the last one: `lateness.ended`.
+    """Calls `tick` every `period_ns` in a thread of its own; a tick that is a period or more late skips the
+    missed deadlines, counted. A clock that goes back is a fault, as what is too old would be young again; the
+    loop goes on to react. A tick that raises is a fault and ends the loop: `lateness.ended`.
     """
 
     def __init__(
@@ -169,8 +171,8 @@ class RealtimeThread:
             self._thread.join()
 
     def _run(self) -> None:
-        """Asks for the thread's priority, sets `scheduling` and the thread's name, and ticks until stopped.
-        An exception sets `lateness.ended` and is reported as a fault.
+        """Body of the thread: asks for its priority, sets `scheduling` and the thread's name, and ticks until
+        stopped. An exception sets `lateness.ended` and is reported as a fault.
         """
         try:
             self.scheduling = prepare_thread(self._priority)
@@ -183,7 +185,7 @@ class RealtimeThread:
 
     def pace(self) -> None:
         """Calls `tick` at each deadline in the calling thread until stopped, and records its lateness; a tick
-        that is a period late or more skips the deadlines it missed, counted. What `tick` raises is passed on.
+        that is a period late or more skips the deadlines it missed, counted. Exceptions of `tick` propagate.
         """
         clock, period_ns = self._clock, self._period_ns
         sys.setswitchinterval(SWITCH_INTERVAL_S)
@@ -201,9 +203,9 @@ class RealtimeThread:
             deadline_ns += (1 + skipped) * period_ns
 
     def _wait(self, deadline_ns: int) -> None:
-        """Sleeps to 0.3 ms before the deadline, then waits with the interpreter lock held, asleep and at last
-        spinning. Sleeps only after a tick that took that long or was late, or nobody else would ever run, and
-        under normal scheduling, where it is processors that are waited for.
+        """Waits for the deadline: sleeps to 0.3 ms before it, then holds the interpreter lock, first asleep,
+        at last spinning. Sleeps throughout, without the lock, under normal scheduling, where it is processors
+        that are waited for, and with less than 0.3 ms left, so that other threads run at all.
         """
         if not self._ahead or self._clock.now_ns() > deadline_ns - _LEAD_NS:
             self._clock.sleep_until_ns(deadline_ns)
@@ -222,7 +224,9 @@ class RealtimeThread:
             pass
 
     def _at_hand(self, deadline_ns: int, now_ns: int) -> int:
-        """The deadline; now, and a fault, where it is more than two periods ahead: the clock went back."""
+        """Returns the deadline; if the clock went back, so that the deadline is over two periods ahead,
+        reports a fault and returns `now_ns`.
+        """
         ahead_ns = deadline_ns - now_ns
         if ahead_ns <= 2 * self._period_ns:
             return deadline_ns

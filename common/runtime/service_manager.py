@@ -12,15 +12,15 @@ from contextlib import suppress
 from forefeel.common.clock import MonotonicClock
 
 _LONGEST_LINE = 256  # characters of a status line
-_LOOK_NS = 100_000_000
+_NOTIFY_NS = 100_000_000
 
 
 class ServiceManager:
-    """The socket that NOTIFY_SOCKET names; without it nothing is sent.
+    """Sends lines to the socket that NOTIFY_SOCKET names; does nothing without it.
 
     Attributes:
-        watchdog_ns: within which time a sign of life has to follow the one before; None: none is wanted.
-            From WATCHDOG_USEC, where WATCHDOG_PID is this process or absent.
+        watchdog_ns: longest time that systemd accepts between two signs of life; None: it wants none. From
+            WATCHDOG_USEC, where WATCHDOG_PID is this process or absent.
     """
 
     def __init__(self, environment: Mapping[str, str], pid: int) -> None:
@@ -37,10 +37,10 @@ class ServiceManager:
 
 
 class ServiceWatchdog:
-    """Tells the manager how a daemon does. A sign of life is sent only where every 1 kHz loop has ticked
-    since the one before; `look` is an asyncio task, so that it stops when the tasks stand, too.
+    """Tells systemd how a daemon does. A sign of life is sent only where every 1 kHz loop has ticked since
+    the last one; `notify` runs as an asyncio task, so that it stops when the tasks hang, too.
 
-    `ticks`: of each loop since its start; `status`: one line for a person, at a stamp.
+    `ticks`: number of each loop's ticks since its start; `status`: one line for a person, at a stamp.
     """
 
     def __init__(
@@ -56,12 +56,12 @@ class ServiceWatchdog:
 
     @property
     def period_ns(self) -> int:
-        """Time in ns between two calls of `look`."""
+        """Time in ns between two calls of `notify`."""
         watchdog_ns = self._manager.watchdog_ns
-        return _LOOK_NS if watchdog_ns is None else max(1_000_000, min(_LOOK_NS, watchdog_ns // 4))
+        return _NOTIFY_NS if watchdog_ns is None else max(1_000_000, min(_NOTIFY_NS, watchdog_ns // 4))
 
-    def look(self, now_ns: int) -> None:
-        """Sends what is due: readiness once all loops run, a status that changed, a sign of life."""
+    def notify(self, now_ns: int) -> None:
+        """Sends what is due: readiness once every loop has ticked, a changed status, a sign of life."""
         ticks = self._ticks()
         if not self.ready and all(ticks):
             self.ready = True
@@ -71,15 +71,15 @@ class ServiceWatchdog:
             self._sent_status = status
             self._manager.tell(f"STATUS={_line(status)}")
         if self.ready and now_ns >= self._due_ns:
-            self._live(ticks, now_ns)
+            self._notify_alive(ticks, now_ns)
 
     def stopping(self, reason: str = "stopping") -> None:
         """Sends that the daemon ends in order; `reason`: why."""
         self._manager.tell(f"STOPPING=1\nSTATUS={_line(reason)}")
 
-    def _live(self, ticks: tuple[int, ...], now_ns: int) -> None:
-        """Sends a sign of life if one is wanted and every loop has ticked since the last one; the next is due
-        a quarter of the watchdog's time later.
+    def _notify_alive(self, ticks: tuple[int, ...], now_ns: int) -> None:
+        """Sends a sign of life if systemd wants one and every loop has ticked since the last one; the next is
+        due a quarter of the watchdog's time later.
         """
         watchdog_ns = self._manager.watchdog_ns
         before = self._alive_at or (0,) * len(ticks)
@@ -90,13 +90,13 @@ class ServiceWatchdog:
 
 
 def service_watchdog(status: Callable[[], str], steps: Callable[[], int]) -> Callable[[], None]:
-    """Tells systemd how a process without 1 kHz loops does, whenever what it returns is called: a few times a
-    second, from its main thread. `steps`: counts its progress.
+    """Function that tells systemd how a process without 1 kHz loops does: to be called a few times a second,
+    from the main thread. `steps`: a count that grows while the process makes progress.
     """
     clock = MonotonicClock()
     manager = ServiceManager(os.environ, os.getpid())
     watchdog = ServiceWatchdog(manager, lambda: (steps(),), lambda _now_ns: status())
-    return lambda: watchdog.look(clock.now_ns())
+    return lambda: watchdog.notify(clock.now_ns())
 
 
 def _address(text: str) -> str | None:

@@ -14,7 +14,7 @@ T = TypeVar("T")
 
 
 def in_thread(work: Callable[[], T], name: str) -> "Future[T]":
-    """Runs `work` in a new daemon thread; returns at once the future of its result, or of what it raised.
+    """Runs `work` in a new daemon thread; returns at once the future of its result, or of its exception.
 
     A process that ends does not wait for it, as it does for the threads of an executor, and of
     asyncio.to_thread. The thread inherits the scheduling of the one that calls this (docs/decisions/0008).
@@ -49,13 +49,13 @@ class Gaps:
         self._begun: SimpleQueue[None] = SimpleQueue()
 
     def begin(self, until_ns: int) -> None:
-        """Opens a gap until that stamp; from the loop, after a tick. Does not block."""
+        """Opens a gap until that stamp, and wakes who waits; called by the loop after a tick."""
         self._until_ns = until_ns
         if self._begun.empty():
             self._begun.put(None)
 
     def wait(self) -> bool:
-        """Waits until a gap opens, `longest_s` at most; True at once inside one, False where none came."""
+        """Waits for a gap, `longest_s` at most; True inside one, at once or once it opens, else False."""
         if self._clock.now_ns() <= self._until_ns:
             return True
         with suppress(Empty):
@@ -68,7 +68,9 @@ class Gaps:
 
 
 class Worker:
-    """Calls `work` in its own thread when woken, or after the seconds it returned; with True at `close`."""
+    """Calls `work(False)` in its own thread when woken, or once the seconds have passed that it returned
+    (None: only when woken). `close` ends the thread and calls `work(True)` in the thread of its caller.
+    """
 
     def __init__(self, name: str, work: Callable[[bool], float | None]) -> None:
         self._work = work

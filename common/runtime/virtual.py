@@ -16,7 +16,7 @@ _Event = tuple[int, int, int, Callable[..., None]]
 
 
 class VirtualRuntime:
-    """One event heap for both daemons. Events of equal stamp run in the order of their scheduling."""
+    """Runs both daemons from one event heap. Events of equal stamp run in the order of their scheduling."""
 
     scheduling = "virtual time: no lateness"
 
@@ -58,8 +58,9 @@ class VirtualRuntime:
         """Does nothing: faults propagate out of `run`; nobody is left to react."""
 
     def run(self, duration_ns: int, progress: Callable[[int], bool] | None = None) -> None:
-        """Runs the events due in the next `duration_ns`, each with the clock at its stamp, which then stands
-        at the end. `progress` is called with the stamp every 100 ms of that time; False ends the run there.
+        """Runs the events due in the next `duration_ns`, each with the clock at its stamp, and leaves the
+        clock at the end of that time. `progress` is called with the stamp about every 100 ms of that time; if
+        it returns False, the run ends there.
         """
         end_ns = self.clock.now_ns() + duration_ns
         next_report = self.clock.now_ns()

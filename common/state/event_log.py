@@ -33,7 +33,7 @@ class _Line(NamedTuple):
 
 
 class EventLog:
-    """Appends lines in the worker `events`; callers only append to a queue.
+    """Appends events to a file, in the worker `events`; callers only append to a queue.
 
     Lines that can not be written (a full disk) are lost and counted; the next line that can be written is an
     event `lines_lost` with their number.
@@ -60,8 +60,8 @@ class EventLog:
         self.worker.wake()
 
     def write(self) -> None:
-        """Appends the queued lines to the file, before them an event on lines lost since; nothing queued: no
-        effect. Counts lines that can not be written as lost.
+        """Appends the queued lines to the file, before them a `lines_lost` event if lines were lost; does
+        nothing with an empty queue. Lines that can not be written count as lost.
         """
         lines, lost = self._waiting.drain(), self.lost
         if not lines:
@@ -85,8 +85,8 @@ class EventLog:
         self.write()
 
     def _append(self, data: bytes) -> None:
-        """Appends to the file, on the disk when it returns; one beyond 16 MiB makes way for a new one. Raises
-        OSError where that fails, with nothing of `data` left in the file.
+        """Appends to the file, on the disk when it returns; a file over 16 MiB first gives way to a new one.
+        Raises OSError where that fails, with nothing of `data` left in the file.
         """
         if self._size > _LARGEST_BYTES:
             self._rotate()
@@ -155,6 +155,7 @@ class StateEventSink(EventSink):
         return self._log.lost
 
     def note(self, event: str, now_ns: int, axis: str = "", /, **details: Detail) -> None:
+        """Queues an event for the log; a safety transition also for the latch."""
         if event == SAFETY:
             self._latch.transition(axis, details)
         self._log.note(event, now_ns, axis, details)

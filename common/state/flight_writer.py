@@ -34,7 +34,7 @@ class _Request(NamedTuple):
 
 
 class FlightWriter:
-    """Keeps the newest records in a folder, one a second at most.
+    """Writes flight records, one a second at most, and keeps the newest ones in a folder.
 
     Any thread asks; the worker `flight` waits, encodes and writes. A record is there whole or not at all.
 
@@ -62,9 +62,7 @@ class FlightWriter:
                 part.unlink()
 
     def ask(self, axis: str, event: str, reason: str, now_ns: int) -> None:
-        """Queues a request for a flight record and wakes the worker; never blocks. Dropped within 1 s of the
-        request that was accepted last.
-        """
+        """Queues a request for the worker; never blocks. Drops one within 1 s of the last accepted."""
         accepted_ns = self._accepted_ns
         if accepted_ns is not None and now_ns - accepted_ns < _AT_MOST_EVERY_NS:
             return
@@ -76,8 +74,8 @@ class FlightWriter:
         self.worker.close()
 
     def write(self, closing: bool) -> float | None:
-        """Writes the requested records, each half a second after its event, all of them when closing. Returns
-        the seconds until the next one is due, None where none is left.
+        """Writes the requested records, each once half a second has passed since its event, or all with
+        `closing`. Returns the seconds until the next one is due, None where none is left.
         """
         while self._requests:
             request = self._requests[0]
@@ -89,7 +87,9 @@ class FlightWriter:
         return None
 
     def _record(self, request: _Request) -> None:
-        """Writes one record, logs it, or that it failed, and removes the oldest beyond `keep`."""
+        """Writes one record and removes the oldest beyond `keep`; an error while writing leaves no file.
+        Either result is logged, none raised.
+        """
         name = f"{request.utc.replace(':', '').replace('-', '')}-{request.axis}-{request.event}.mcap"
         part = self._folder / f".{name}.part"
         first_ns, last_ns = request.stamp_ns - BEFORE_NS, request.stamp_ns + AFTER_NS
@@ -120,7 +120,7 @@ class FlightWriter:
             return {"messages": writer.written, "malformed": writer.malformed}
 
     def _write_ring(self, writer: RunWriter, ring: FlightRing, rows: list[Row]) -> None:
-        """Writes the rows of a ring with pauses; counts cycles that are no message as malformed."""
+        """Writes a ring's rows, with pauses for other threads; counts invalid cycles as malformed."""
         for number, row in enumerate(rows):
             if number % _BLOCK_ROWS == _BLOCK_ROWS - 1:
                 self.worker.pause(_PAUSE_S)

@@ -35,8 +35,8 @@ def unnamed_path(cell: str, role: str, environment: Mapping[str, str]) -> Path:
 
 
 def holder(path: Path, locks: Path = Path("/proc/locks")) -> int | None:
-    """Process number of the daemon that uses the folder now; None where none does, or nobody may see it. By
-    the kernel's own list: to try the lock would keep a daemon out that starts meanwhile.
+    """Process number of the daemon that uses the folder now; None where none does, or it can not be seen. By
+    the kernel's list of locks: to try the lock would keep a daemon out that starts meanwhile.
     """
     try:
         number = (path / _LOCK).stat().st_ino
@@ -47,7 +47,7 @@ def holder(path: Path, locks: Path = Path("/proc/locks")) -> int | None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Puts the names in a folder on the disk.
+    """Puts the names in a folder on the disk (fsync).
 
     Raises:
         OSError: it can not be.
@@ -60,7 +60,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def own_file(path: Path) -> int:
-    """A descriptor of a file, made for its owner alone where it is missing; never through a link.
+    """Opens a file for reading and writing, made with mode 0600 where it is missing; returns its descriptor.
 
     Raises:
         OSError: it can not be opened, or is a link.
@@ -70,10 +70,11 @@ def own_file(path: Path) -> int:
 
 
 def _require_own(folder: Path) -> None:
-    """Refuses a folder in which somebody else has a say.
+    """Checks that nobody else has a say in a folder.
 
     Raises:
-        ConfigurationError: another user's, writable for others, or with a link in it.
+        ConfigurationError: it is another user's or writable for others, or a daemon's file in it is a link or
+            another user's.
     """
     status, user = folder.stat(), os.geteuid()
     if status.st_uid != user:
@@ -96,7 +97,7 @@ def _require_own(folder: Path) -> None:
 
 
 class StateFolder:
-    """The folder while its daemon runs; made with mode 0700 where it is missing, and locked.
+    """Locks a daemon's folder while it runs; makes it with mode 0700 where it is missing.
 
     It and what is in it belong to the daemon's user, and no name in it is a link: a daemon that runs as root
     would else write wherever somebody points.
@@ -118,12 +119,12 @@ class StateFolder:
                 f"state folder {path}: {error.strerror}; expected one that can be written (state.directory)"
             ) from error
         try:
-            self._take()
+            self._acquire_lock()
         except BaseException:
             os.close(self._lock)
             raise
 
-    def _take(self) -> None:
+    def _acquire_lock(self) -> None:
         """Locks the folder and writes this process's number into the lock file; raises ConfigurationError
         where another daemon has it locked.
         """

@@ -20,11 +20,10 @@ _ALL = ""
 
 
 class Latch:
-    """File of the stopped axes, which has its full size from the start and is overwritten in place.
+    """Keeps the stopped axes and their reasons in a file of its full size, which is overwritten in place.
 
     So a disk that is full later does not keep a stop out of it. Half of a new content behind half of the old
-    one is no JSON, and what can not be read stops every axis. Any thread says what is to be kept; the worker
-    `latch` writes it.
+    one is no JSON, and what can not be read stops every axis. Any thread reports; the worker `latch` writes.
 
     Attributes:
         restored: by axis what was latched when it was opened; under the empty name what stops every axis.
@@ -65,15 +64,16 @@ class Latch:
             raise
 
     def close(self) -> None:
-        """Writes what is to be kept, where it can be; idempotent."""
+        """Writes once more, if it can, ends the worker and closes the file; idempotent."""
         if self._descriptor >= 0:
             self.worker.close()
             os.close(self._descriptor)
             self._descriptor = -1
 
     def transition(self, axis: str, details: Mapping[str, Detail]) -> None:
-        """Takes a transition of the safety state machine: a stop is kept until it is cleared, and so is a
-        fault that struck while the stage was moved. Any thread; waits for no disk.
+        """Latches the axis, for the worker to write, at an emergency stop and at a fault that struck while
+        the stage was moved; unlatches it when it leaves these states; else does nothing. `details`: before,
+        after, reason. Any thread; waits for no disk.
         """
         before, after = SafetyState(str(details["before"])), SafetyState(str(details["after"]))
         if after is SafetyState.ESTOPPED or (after is SafetyState.FAULT and before in _MOVING):
@@ -82,11 +82,12 @@ class Latch:
             self._want(axis, None)
 
     def is_persisted(self, axis: str) -> bool:
-        """True when the file says of the axis what it should, so that a new start does."""
+        """True when the file says of the axis what it should, so that a new start finds the same."""
         written = self._written
         return written is not None and written.get(axis) == self._wanted.get(axis)
 
     def _want(self, axis: str, reason: str | None) -> None:
+        """Sets an axis's reason (None: removes it), removes one that stops every axis, wakes the worker."""
         with self._wanting:
             others = {name: text for name, text in self._wanted.items() if name not in {axis, _ALL}}
             self._wanted = others if reason is None else {**others, axis: reason}
@@ -98,7 +99,7 @@ class Latch:
         return None if self.problem is None else _RETRY_S
 
     def write(self) -> None:
-        """Writes what is to be kept; sets `problem` to why that fails, or None, and reports its change."""
+        """Writes the latched axes; sets `problem` (None: written) and calls `on_problem` if that changed."""
         before = self.problem
         try:
             self._write()
@@ -109,8 +110,8 @@ class Latch:
             self._on_problem(before, self.problem)
 
     def _write(self) -> None:
-        """Writes what is wanted into the open file, on the disk when it returns; does nothing where it is
-        there. After an OSError the content counts as unknown, so that the next call writes again.
+        """Writes the latched axes into the open file, on the disk when it returns, unless it says so already.
+        After an OSError the content counts as unknown, so that the next call writes again.
         """
         wanted = self._wanted
         if wanted == self._written:
@@ -121,7 +122,7 @@ class Latch:
 
 
 def latched(path: Path) -> dict[str, str]:
-    """Reasons by axis from the latch file of a daemon; empty where there is no file. One that can not be
+    """Reads the latch file of a daemon: reasons by axis; empty where there is no file. A file that can not be
     read, or that no daemon wrote so, gives a reason under the empty name, which stops every axis.
     """
     try:

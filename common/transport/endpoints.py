@@ -12,7 +12,7 @@ _FORM = re.compile(
 
 
 def check_endpoint(endpoint: str) -> None:
-    """Refuses an endpoint that can never work on this host.
+    """Checks that an endpoint can work on this host.
 
     Raises:
         EndpointError: malformed, or its host name does not resolve.
@@ -27,7 +27,7 @@ def check_endpoint(endpoint: str) -> None:
 
 
 def parts(endpoint: str) -> tuple[str, str, int]:
-    """Protocol, host without brackets, and port.
+    """Protocol, host without brackets, and port of an endpoint.
 
     Raises:
         EndpointError: malformed.
@@ -46,7 +46,7 @@ def address(endpoint: str) -> str:
 
 
 def explain(error: str, listen: tuple[str, ...], connect: tuple[str, ...]) -> str:
-    """One line for what Zenoh said when it could not open: the endpoint, the reason, what to do."""
+    """Text for the user, in one line, from Zenoh's error at opening: the endpoint, the reason, what to do."""
     at = next((repr(endpoint) for endpoint in listen if address(endpoint) in error), _all(listen))
     if "Address already in use" in error:
         return f"endpoint {at}: taken by another program; end that one or listen on another port"

@@ -14,7 +14,8 @@ _FOLDER = "transport.pki (--pki), a copy of DIR/CELL/ROLE of `forefeel pki init 
 def check_exposure(
     listen: Sequence[str], connect: Sequence[str], *, secured: bool, insecure: bool, real_stage: bool
 ) -> str:
-    """Warning, to be said loudly, when the traffic can be read and forged; else empty.
+    """Checks endpoints against certificates and consent; returns a warning, to be said loudly, where the
+    traffic can be read and forged, else an empty text.
 
     Args:
         listen: endpoints, well-formed.

@@ -36,20 +36,19 @@ class TraceChunk(NamedTuple):
 
 
 def crosses(key: str) -> bool:
-    """True if the other end consumes this key; what is published for the recorder only is not impaired."""
+    """True if messages of a key are impaired: the other end takes them, or they are no topic's."""
     return parse_key(key) is None or crossing(key) is not None
 
 
 class ImpairedTransport:
-    """A transport whose payloads are lost, delayed, duplicated as an `ImpairedLink` of each direction plans.
+    """Wraps a transport so that an `ImpairedLink` of each direction loses, delays and doubles its payloads.
 
-    One state per direction, for all keys that cross to the other end. Outbound payloads are put late,
-    inbound ones are handed over late and stamped then: on the timers' thread, or where they are polled at the
-    poll next to that stamp, a little before or after it. A direction whose link is None costs nothing.
+    One state per direction, for all keys that cross to the other end. Outbound payloads are put late, inbound
+    ones are handed over late and stamped then: on the timers' thread, or where they are polled at the poll
+    next to that stamp, a little before or after it. A direction whose link is None costs nothing.
 
-    A recorder has a session of its own and sees what is put: outbound impairment comes before its eyes,
-    inbound impairment behind its back. So inject inbound where the recording shall hold everything that was
-    sent.
+    A recorder has a session of its own and records what is put: outbound impairment before it, inbound
+    impairment not at all. So inject inbound where the recording shall hold everything that was sent.
     """
 
     def __init__(
@@ -66,8 +65,8 @@ class ImpairedTransport:
         self._outbound = None if outbound is None else _Lane("outbound", outbound, timers, clock)
 
     def publisher(self, key: str, qos: Qos) -> Put:
-        """A publisher whose payloads the outbound link loses, delays or doubles; the plain one where there is
-        no such link, or the key does not cross to the other end.
+        """Publisher whose payloads the outbound link loses, delays or doubles. The plain one without such a
+        link, or for a key that does not cross to the other end.
         """
         put = self._inner.publisher(key, qos)
         lane = self._outbound
@@ -77,8 +76,8 @@ class ImpairedTransport:
         return lambda payload: lane.carry(partial(send, payload))
 
     def subscribe(self, key: str, handler: Handler) -> None:
-        """Calls `handler` for each payload put to `key` that the inbound link lets through, late and stamped
-        then. Unimpaired where there is no such link, or the key does not cross to the other end.
+        """Subscribes `handler` to what the inbound link lets through, handed over late, on the timers'
+        thread, and stamped then. Unimpaired without such a link, or for a key that does not cross.
         """
         lane = self._inbound
         if lane is None or not crosses(key):
@@ -89,8 +88,9 @@ class ImpairedTransport:
         self._inner.subscribe(key, lambda payload, _: lane.carry(partial(receive, payload)))
 
     def polled(self, key: str, handler: Handler, most: int = MOST_POLLED) -> Poll:
-        """Poll that hands over, stamped then, the payloads whose delay by the inbound link is over, or will
-        be in half a tick. Unimpaired where there is no such link, or the key does not cross to the other end.
+        """Subscribes without a thread; the poll hands over, stamped then, at most `most` payloads whose delay
+        ends within half a tick or before. Unimpaired without an inbound link, or for a key that does not
+        cross.
         """
         lane = self._inbound
         if lane is None or not crosses(key):
@@ -148,7 +148,7 @@ class _Lane:
         self._trace: deque[tuple[int, ...]] = deque(maxlen=_TRACE_CAPACITY)
 
     def guarded(self, deliver: Put) -> Put:
-        """`deliver` that does nothing any more once the lane is closed."""
+        """Wraps `deliver` so that it does nothing once the lane is closed."""
 
         def arrive(payload: bytes) -> None:
             if not self.closed:
@@ -157,6 +157,7 @@ class _Lane:
         return arrive
 
     def carry(self, deliver: Callable[[], None]) -> None:
+        """Schedules `deliver` after each delay that the link plans for a payload now; not for a lost one."""
         with self._lock:
             now_ns = self._now_ns()
             for delay_ns in self._planned_ns(now_ns):
@@ -168,8 +169,8 @@ class _Lane:
             return self._planned_ns(now_ns)
 
     def _planned_ns(self, now_ns: int) -> tuple[int, ...]:
-        """Delays in ns that the link plans for a payload, two where it is doubled, added to the trace; none
-        where it is lost, or once the lane is closed. Its caller holds the lock.
+        """Delays in ns that the link plans for a payload, two where it is doubled, none where it is lost;
+        adds them to the trace. None, and no entry, once the lane is closed. The caller holds the lock.
         """
         if self.closed:
             return ()

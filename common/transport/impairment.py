@@ -73,8 +73,8 @@ class Impairment:
         return (delay_ns, delay_ns) if doubled else (delay_ns,)
 
     def _vary(self, entry_ns: int) -> None:
-        """Advances `_variation_s`, the delay's variation in s, to the entry of this message; a message of the
-        same burst keeps it. Drawn independently where the correlation time is 0.
+        """Advances `_variation_s`, the delay's variation in s, to the entry of this message; a message that
+        enters at the same time keeps it. Drawn independently where the correlation time is 0.
         """
         elapsed_ns = 0 if self._last_entry_ns is None else max(entry_ns - self._last_entry_ns, 0)
         self._last_entry_ns = entry_ns
@@ -100,7 +100,7 @@ class Impairment:
 
 
 class ReplayedImpairment:
-    """Does to the n-th message what a recorded trace says; after its end the trace starts again."""
+    """Plans for each message the delays of the next one in a recorded trace, again and again."""
 
     def __init__(self, trace: Sequence[tuple[int, ...]]) -> None:
         self._trace = tuple(trace)

@@ -26,13 +26,13 @@ from forefeel.common.transport.security import Party
 from forefeel.common.transport.settings import MOST_CONNECTIONS, TransportSettings
 from forefeel.common.transport.zenoh_bus import Publication, ZenohTransport
 
-_LOOK_S = 0.1
+_REFRESH_S = 0.1
 """Interval of the search for subscribers: a connection that has lost its own loses its share for so long."""
 
 
 class ParallelTransport:
-    """`TransportSettings.parallel_connections` Zenoh sessions that connect, and one that listens. See the
-    port for the contract.
+    """Transport over `TransportSettings.parallel_connections` Zenoh sessions that connect, and one that
+    listens.
 
     Args:
         connecting: the sessions that connect; with a single one it listens, too.
@@ -52,7 +52,7 @@ class ParallelTransport:
         self.notice = self._connecting[0].notice
         self._turns: list[_Turns] = []
         self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._look, name="zenoh subscribers", daemon=True)
+        self._thread = threading.Thread(target=self._refresh, name="zenoh subscribers", daemon=True)
         self._thread.start()
 
     @classmethod
@@ -82,9 +82,9 @@ class ParallelTransport:
         return cls(sessions[:count], sessions[count] if len(sessions) > count else None)
 
     def publisher(self, key: str, qos: Qos) -> Put:
-        """Puts what takes turns over the next connection with a subscriber, under a numbered and the plain
-        key, or over the first where none has one, and over the session that listens; all else over the first
-        connection and that session.
+        """Publisher of a key. Payloads of a topic that takes turns go to the next connection with a plain
+        subscriber and the next with a numbered one, or to the first if there are none, and to the listening
+        session. Others go to the first connection and the listening session.
         """
         topic = crossing(key)
         if topic is None or not topic.takes_turns:
@@ -105,14 +105,14 @@ class ParallelTransport:
         def put(payload: bytes) -> None:
             sent, sent_plain = single.put(payload), plain.put(payload)
             if not (sent or sent_plain):
-                first(payload)  # somebody may have come since the last look
+                first(payload)  # somebody may have come since the last refresh
             for listener in listening:
                 listener(payload)
 
         return put
 
     def subscribe(self, key: str, handler: Handler) -> None:
-        """Subscribes on every connection that carries the key; one call of the handler at a time."""
+        """Subscribes `handler` on every session that receives the key; its calls never overlap."""
         serial = threading.Lock()
 
         def deliver(payload: bytes, receive_ns: int) -> None:
@@ -123,7 +123,9 @@ class ParallelTransport:
             session.subscribe(name, deliver)
 
     def polled(self, key: str, handler: Handler, most: int = MOST_POLLED) -> Poll:
-        """Poll that takes from each connection that carries the key its share of `most`, and one at least."""
+        """Subscribes without a thread; the returned poll takes from each session that receives the key its
+        share of `most` payloads, at least one.
+        """
         receivers = tuple(self._receivers(key))
         share = max(1, most // len(receivers))
         polls = [session.polled(name, handler, share) for session, name in receivers]
@@ -137,10 +139,10 @@ class ParallelTransport:
         return poll
 
     def _receivers(self, key: str) -> Iterator[tuple[ZenohTransport, str]]:
-        """Yields each session that subscribes to a key, with its key there. Where there are several
-        connections and the key's topic takes turns: each of them, with its number in the key, and the session
-        that listens, with the plain key. Any other topic, and an emergency stop besides: the first connection
-        and the session that listens, with the plain key.
+        """Yields the sessions that subscribe to a key, each with its key. Where a topic takes turns over
+        several connections: each of them with its number in the key, the listening session with the plain
+        key. Else, and for an emergency stop besides: first connection and listening session, with the plain
+        key.
         """
         topic = crossing(key)
         plain: tuple[ZenohTransport, ...] = self._plain
@@ -164,40 +166,40 @@ class ParallelTransport:
             session.subscribe_all(prefix, deliver)
 
     def peers(self) -> int:
-        """Number of other sessions connected now, on the connection that has most of them."""
+        """Number of other sessions that are connected now to that session which has most of them."""
         return max(session.peers() for session in self._sessions)
 
     @property
     def hint(self) -> str:
-        """Text on what may stand in the way, or empty."""
+        """Text on a router in the way of the first connection, see `ZenohTransport.hint`; else empty."""
         return self._connecting[0].hint
 
     def close(self) -> None:
-        """Closes all of them; the first last, whose events are the latest."""
+        """Ends the thread and closes all sessions; the first one last, whose events are the latest."""
         self._closing.set()
         self._thread.join()
         for session in reversed(self._sessions):
             session.close()
 
-    def _look(self) -> None:
-        while not self._closing.wait(_LOOK_S):
+    def _refresh(self) -> None:
+        while not self._closing.wait(_REFRESH_S):
             for turns in tuple(self._turns):
-                turns.look()
+                turns.refresh()
 
 
 class _Turns:
-    """Sends each message over the next of several publications that has a subscriber."""
+    """Sends each message over the next publication that had a subscriber at the last `refresh`."""
 
     def __init__(self, publications: Sequence[Publication]) -> None:
         self._publications = publications
         self._next = 0
         self._subscribed: tuple[Put, ...] = ()
 
-    def look(self) -> None:
+    def refresh(self) -> None:
         self._subscribed = tuple(p.put for p in self._publications if p.has_subscriber())
 
     def put(self, payload: bytes) -> bool:
-        """Sends by the next one; False where none has a subscriber."""
+        """Sends over the next publication with a subscriber; False, and not sent, without any."""
         subscribed = self._subscribed
         if subscribed:
             self._next += 1
@@ -220,8 +222,8 @@ def _all_of(puts: Sequence[Put]) -> Put:
 def _all_or_none(
     wanted: Sequence[TransportSettings], opened: Callable[[TransportSettings], ZenohTransport]
 ) -> list[ZenohTransport]:
-    """Opens all at once, for each may wait for a router; returns them in order. Where one fails, closes the
-    others and raises its error.
+    """Opens all sessions at once, for each may wait for a router; returns them in order. Where one fails,
+    closes the others and raises its error.
     """
     with ExitStack() as opened_sessions:
         opening = [in_thread(partial(opened, one), "zenoh open") for one in wanted]

@@ -21,7 +21,7 @@ _MADE = "a copy of DIR/CELL/ROLE of `forefeel pki init DIR`"
 
 @dataclass(frozen=True, slots=True)
 class Certified:
-    """A party's files, found to belong together and to be valid now; `expires`: when the first is not."""
+    """Files of a party that belong together and are valid now; `expires`: when the first certificate ends."""
 
     identity: PartyFiles
     expires: datetime
@@ -52,7 +52,7 @@ def read_identity(folder: Path, party: Party, now: datetime) -> Certified:
 
 
 def read_certificate(path: Path) -> "x509.Certificate":
-    """A PEM certificate.
+    """Reads a PEM certificate.
 
     Raises:
         ConfigurationError: missing, unreadable, or none.

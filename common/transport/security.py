@@ -23,7 +23,7 @@ _ROUTER = "forefeel-router"
 
 @dataclass(frozen=True, slots=True)
 class Party:
-    """Identity of a session: its role, and its cell; those that a router serves."""
+    """Identity of a session: its role, and its cell (of a router: the cells that it serves)."""
 
     role: PartyRole
     cells: tuple[str, ...]
@@ -53,14 +53,16 @@ def publishes(role: PartyRole, topic: Topic[Message]) -> bool:
 
 
 def hears(role: PartyRole, topic: Topic[Message]) -> bool:
-    """True if the role gets that topic: observers all, the ends what comes from the other one."""
+    """True if the role receives that topic: observers all, master and slave what the other end sends them."""
     if role in {"recorder", "viewer"}:
         return True
     return role in {"slave", "master"} and topic.crosses and topic.publisher != role
 
 
 def secured(party: Party, identity: PartyFiles) -> dict[str, object]:
-    """Everything that a session with that identity adds to its Zenoh configuration, by path."""
+    """Zenoh configuration, by path, that a session with certificates adds: mutual TLS with the files of
+    `identity`, access control for `party`, a limit on the size of messages.
+    """
     return {
         "transport/link/protocols": ["tls", "quic"],
         "transport/link/tls": {
@@ -87,7 +89,9 @@ def secured(party: Party, identity: PartyFiles) -> dict[str, object]:
 
 
 def access_control(party: Party) -> dict[str, object]:
-    """Zenoh's access control for a session of that party: what is not named here is refused."""
+    """Zenoh's access control for a session of `party`, as a list of what is allowed to each role by the name
+    in its certificate; all else is denied.
+    """
     rules: list[dict[str, object]] = []
     subjects, policies = [], []
     routes = party.role == "router"
@@ -124,8 +128,9 @@ _Allowed = Mapping[tuple[str, str], Sequence[str]]
 
 
 def _rules(role: PartyRole, remote: PartyRole, cell: str) -> _Allowed:
-    """Key expressions that a session of `role` allows with a session of `remote`, by flow and message: puts
-    and subscriptions, in and out. Empty: none; with a router, all that `role` hears and publishes.
+    """Key expressions that a session of `role` allows in its exchange with a session of `remote`, by flow and
+    message: puts and subscriptions, in and out. Empty where the two have nothing to exchange. With a router:
+    all that `role` hears and publishes.
     """
     through = remote == "router"
     inbound = [topic for topic in PUBLISHED if hears(role, topic) and (through or publishes(remote, topic))]
@@ -141,8 +146,8 @@ def _rules(role: PartyRole, remote: PartyRole, cell: str) -> _Allowed:
 
 
 def _router_rules(remote: PartyRole, cell: str) -> _Allowed:
-    """Key expressions that a router allows with one party of a cell, by flow and message: what it takes from
-    it and gives to it, and the subscriptions for that.
+    """Key expressions that a router allows in its exchange with one party of a cell, by flow and message:
+    what it takes from it and gives to it, and the subscriptions for that.
     """
     inbound = [topic for topic in PUBLISHED if publishes(remote, topic)]
     outbound = [topic for topic in PUBLISHED if hears(remote, topic)]
@@ -156,13 +161,13 @@ def _router_rules(remote: PartyRole, cell: str) -> _Allowed:
 
 
 def _flows(**keys: Sequence[str]) -> _Allowed:
-    """Those that allow anything, by (flow, message)."""
+    """Key expressions by (flow, message), from arguments named `flow_message`; without the empty ones."""
     parts = {name.partition("_"): expressions for name, expressions in keys.items() if expressions}
     return {(flow, message): expressions for (flow, _, message), expressions in parts.items()}
 
 
 def _subscriptions(role: PartyRole, cell: str) -> list[str]:
-    """The key expressions that a role may declare; an observer's single one stands for all topics."""
+    """Key expressions to which a role may subscribe: an observer to the whole cell, an end to its topics."""
     if role in {"recorder", "viewer"}:
         return [_whole(cell)]
     return _keys([topic for topic in PUBLISHED if hears(role, topic)], cell, ends=True)

@@ -89,8 +89,8 @@ class ImpairmentSettings(Settings):
     @model_validator(mode="before")
     @classmethod
     def _from_preset(cls, data: object) -> object:
-        """Replaces a preset's name by its values, beneath those that are given; returns other data unchanged.
-        Raises ValueError for an unknown preset.
+        """Replaces `preset` by the values of the preset, over which other given values win; returns data
+        without a preset unchanged. A text is the name of one. Raises ValueError for an unknown preset.
         """
         if isinstance(data, str):
             data = {"preset": data}

@@ -12,7 +12,7 @@ _Entry = tuple[int, int, Callable[[], None]]
 
 
 class TimerThread:
-    """Runs actions at stamps of `clock`, the host's monotonic clock. Any thread may ask for one.
+    """Runs actions, of any thread, at stamps of `clock`, the host's monotonic clock, in its own thread.
 
     An exception of an action goes to `on_fault`; later ones still run. What is not due at `close` never runs.
     """

@@ -106,7 +106,7 @@ class ZenohTransport:
             on_fault: takes what a handler raised.
             party: whose certificate it is, needed with `settings.pki`.
             insecure: the user consents to endpoints outside this host without certificates.
-            real_stage: which is refused then, see `forefeel.common.transport.exposure`.
+            real_stage: a real stage is configured, for which that consent does not count.
 
         Raises:
             EndpointError: an endpoint is taken, malformed, not resolvable, or needs certificates; or no
@@ -138,7 +138,7 @@ class ZenohTransport:
         return Publication(self._sender(key, self._declared.enter_context(publisher)), publisher)
 
     def _sender(self, key: str, publisher: zenoh.Publisher) -> Put:
-        """A `Put` that raises RunError when the session broke down, and does nothing once it is closed."""
+        """Makes a `Put`: raises RunError where the session broke down, does nothing once it is closed."""
         put = publisher.put
 
         def send(payload: bytes) -> None:
@@ -154,8 +154,8 @@ class ZenohTransport:
         self._receive(key, lambda sample: handler(sample.payload.to_bytes(), self._now_ns()))
 
     def polled(self, key: str, handler: Handler, most: int = MOST_POLLED) -> Poll:
-        """Subscribes without a thread; the returned function hands up to `most` waiting payloads to
-        `handler`, stamped then. The newest 4096 wait; what the handler raises is a fault.
+        """Subscribes without a thread; the returned poll hands up to `most` waiting payloads to `handler`,
+        stamped then. The newest 4096 wait; an exception of the handler is reported as a fault.
         """
         subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(_WAITING_SAMPLES))
         self._declared.enter_context(subscriber)
@@ -173,7 +173,9 @@ class ZenohTransport:
         return poll
 
     def subscribe_all(self, prefix: str, handler: KeyedHandler, waiting: int = WAITING_OBSERVED) -> None:
-        """Delivers what other sessions put to `prefix` or below it; of more than `waiting` the newest."""
+        """Subscribes `handler` to what other sessions put to `prefix` or below it, called in a thread of its
+        own; the newest `waiting` are kept for it.
+        """
         self._receive(
             f"{prefix}/**",
             lambda sample: handler(str(sample.key_expr), sample.payload.to_bytes(), self._now_ns()),
@@ -185,7 +187,7 @@ class ZenohTransport:
 
     @property
     def hint(self) -> str:
-        """Text where a peer meets a router, which joins no two peers; else, or once closed, empty."""
+        """Hint that a peer is connected to a router, which joins no two peers; else, or closed, empty."""
         if self._closed or self._mode != "peer":
             return ""
         transports = self._session.info.transports()
@@ -214,7 +216,7 @@ class ZenohTransport:
         thread.start()
 
     def _run(self, samples: zenoh.Handler[zenoh.Sample], receive: _Receive) -> None:
-        """The thread of one subscription; `samples` ends when the subscriber is undeclared."""
+        """Body of a subscription's thread; `samples` ends when the subscriber is undeclared."""
         for sample in samples:
             if self._closed:
                 return
@@ -231,8 +233,8 @@ class ZenohTransport:
 
 
 def set_workers(number: int) -> None:
-    """Sets by `ZENOH_RUNTIME`, where it is unset, the threads of each of Zenoh's runtimes, which the first
-    session of a process reads.
+    """Sets `ZENOH_RUNTIME`, where it is unset, to so many threads of each runtime; before the first
+    session.
     """
     runtimes = ", ".join(f"{name}: (worker_threads: {number})" for name in ("rx", "tx", "net"))
     os.environ.setdefault("ZENOH_RUNTIME", f"({runtimes})")
@@ -241,7 +243,8 @@ def set_workers(number: int) -> None:
 def open_session(
     settings: TransportSettings, mode: Mode, party: Party | None, *, insecure: bool, real_stage: bool
 ) -> tuple[zenoh.Session, str]:
-    """Bare Zenoh session, and a warning for the user, or empty. Sets `ZENOH_RUNTIME` where it is unset.
+    """Checks the endpoints and opens a bare Zenoh session; returns it with a warning for the user, or an
+    empty text. Sets `ZENOH_RUNTIME` where it is unset.
 
     Raises:
         ValueError: `pki` without a party.

@@ -253,7 +253,7 @@ class Process:
 
         manager = ServiceManager(os.environ, os.getpid())
         watchdog = ServiceWatchdog(manager, lambda: self.runtime.ticks, status)
-        self.runtime.task("service watchdog", watchdog.period_ns, watchdog.look)
+        self.runtime.task("service watchdog", watchdog.period_ns, watchdog.notify)
         return watchdog
 
     def _tell_notices(self, _now_ns: int = 0) -> None:

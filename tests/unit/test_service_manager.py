@@ -68,7 +68,7 @@ class Rig:
                 self.ticks[loop] += 1
             if self.clock.now_ns() % self.watchdog.period_ns < MS:
                 before = len(self.book.told)
-                self.watchdog.look(self.clock.now_ns())
+                self.watchdog.notify(self.clock.now_ns())
                 told += [(self.clock.now_ns() * 1e-9, text) for text in self.book.told[before:]]
         return told
 
