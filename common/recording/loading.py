@@ -174,7 +174,9 @@ def _in_si(
         stamps, done = unwrapped(read.pop("time"), to_s)
         time_s = (stamps - _origin(stamps)) * to_s
     else:
-        time_s, done = np.arange(len(columns[0])) / rate_hz, [f"rows at {rate_hz:g} Hz"]
+        stamped = [c.column for c in candidates(table.names, table.units, "time") if c.named]
+        instead = f", not by {', '.join(map(repr, stamped))}" if stamped else ""
+        time_s, done = np.arange(len(columns[0])) / rate_hz, [f"rows at {rate_hz:g} Hz{instead}"]
     notes += done
     rows = []
     for quantity, values in read.items():

@@ -45,7 +45,7 @@ class Latch:
         the thread with the problem before and after it changed.
         """
         self.problem: str | None = None
-        self._on_problem = on_problem
+        self._on_problem, self._axes = on_problem, axes
         restored = latched(path) if new or path.exists() else {_ALL: "the file of what was latched is gone"}
         unknown = sorted(set(restored) - {_ALL, *axes})
         if unknown:
@@ -87,9 +87,13 @@ class Latch:
         return written is not None and written.get(axis) == self._wanted.get(axis)
 
     def _want(self, axis: str, reason: str | None) -> None:
-        """Sets an axis's reason (None: removes it), removes one that stops every axis, wakes the worker."""
+        """Sets an axis's reason (None: removes it) and wakes the worker. A reason that stops every axis stays
+        that of each other one, which has not reported yet.
+        """
         with self._wanting:
-            others = {name: text for name, text in self._wanted.items() if name not in {axis, _ALL}}
+            every = self._wanted.get(_ALL)
+            latched = self._wanted if every is None else dict.fromkeys(self._axes, every)
+            others = {name: text for name, text in latched.items() if name != axis}
             self._wanted = others if reason is None else {**others, axis: reason}
         self.worker.wake()
 

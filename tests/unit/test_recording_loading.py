@@ -134,6 +134,8 @@ def test_rows_without_time_need_their_rate(tmp_path: Path) -> None:
     recording = load_recording(written(tmp_path, counted), Mapping(rate_hz=200.0), force=True)
     assert_whole(recording)
     assert "rows at 200 Hz" in recording.taken
+    stamped = written(tmp_path, table("t [s],position_m,force_n", T_S, X_M, F_N))
+    assert "rows at 200 Hz, not by 't [s]'" in load_recording(stamped, Mapping(rate_hz=200.0)).taken
     for mapping in ({"rate_hz": 0.0}, {"rate_hz": 50.0, "time": "s:No"}):
         with pytest.raises(RecordingError, match="expected a rate in Hz"):
             Mapping(**mapping)

@@ -224,6 +224,14 @@ def test_latch_file_that_can_not_be_read_stops_every_axis(path: Path, text: str)
     assert list(latched(path)) == [""]
 
 
+def test_what_stops_every_axis_stays_with_those_that_have_not_reported(path: Path) -> None:
+    path.write_text("{}")
+    latch = Latch(path, ["a", "b"], False, lambda *_: None, SteppedWorker)
+    latch.transition("a", CLEARED)
+    latch.close()
+    assert list(latched(path)) == ["b"]
+
+
 def test_latch_overflow_stops_every_axis(path: Path) -> None:
     axes = [f"axis{number}" for number in range(100)]
     latch = Latch(path, axes, True, lambda *_: None, SteppedWorker)
