@@ -109,7 +109,7 @@ MUTANTS: dict[str, Mutate] = {
     "every parameter 9 % larger": scaled(1.09),
     "intervals / 20": widened(0.05),
     "always abstains": abstaining,
-    "never abstains": without("_inexplicable", None),
+    "never abstains": without("_without_cause", None),
     "no structure is ever left": without("_structure_left", False),
     "weak causes stay": without("_is_weak", False),
     "gain always .9": gaining(lambda gain: replace(gain, gain=0.9, gain_low=0.85, gain_high=0.95)),

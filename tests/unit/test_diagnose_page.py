@@ -14,7 +14,7 @@ from forefeel.diagnosis.analysis import Analysis
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose
 from forefeel.diagnosis.prediction import Across
 from forefeel.diagnosis.verdict import Cause, Interval, ModelError, NextMotion
-from forefeel.results.curves import Curves, response, share_of, strokes
+from forefeel.results.curves import Curves, force_of_cause, response, since_reversal
 from forefeel.results.page import render_page, worst_stretch
 from forefeel.results.pictures import Component, picture, sensor_picture
 from forefeel.results.verdict_text import answer, equation
@@ -170,7 +170,7 @@ def test_the_shares_of_the_causes_and_mass_damper_spring_are_the_whole_model(rub
     regression = rubbing.analysis.regression
     fit = regression.fit({"coulomb_friction": (), "bias": (), "stress_relaxation": (0.3,)})
     base = regression.block(fit.model, "", ()) @ fit.of("")
-    shares = [share_of(regression, fit, name) for name in fit.model]
+    shares = [force_of_cause(regression, fit, name) for name in fit.model]
     assert base + sum(shares) == pytest.approx(regression.predicted(fit), abs=1e-9)
 
 
@@ -178,7 +178,7 @@ def test_the_share_of_a_delay_is_what_it_changes(rubbing: Diagnosed) -> None:
     regression = rubbing.analysis.regression
     fit = regression.fit({"time_delay": (0.02,)})
     alone = regression.block({}, "", ()) @ fit.of("")
-    assert share_of(regression, fit, "time_delay") == pytest.approx(
+    assert force_of_cause(regression, fit, "time_delay") == pytest.approx(
         regression.predicted(fit) - alone, abs=1e-9
     )
 
@@ -197,7 +197,7 @@ def test_a_late_force_turns_the_phase_evenly(rubbing: Diagnosed, monkeypatch: py
 def test_a_tremor_is_no_reversal_and_a_stroke_is(rubbing: Diagnosed) -> None:
     t = rubbing.analysis.regression.signals.t
     x = 0.01 * np.abs((0.5 * t) % 2.0 - 1.0) + 2e-4 * np.sin(40.0 * t)
-    direction, since = strokes(replace(Curves.of(rubbing.analysis, None), x=x), 1e-3)
+    direction, since = since_reversal(replace(Curves.of(rubbing.analysis, None), x=x), 1e-3)
     turns = np.flatnonzero(np.diff(direction) != 0.0)
     assert t[turns[1:4]] == pytest.approx([2.0, 4.0, 6.0], abs=0.2)
     assert since.max() == pytest.approx(0.01, rel=0.1)

@@ -27,6 +27,8 @@ _ENERGY_BIN_S = 0.2  # s, bin of the trace of the energy, which changes slowly
 
 
 class Newest:
+    """Newest message of each kind, None before it; `timings` by role, `heard_ns` by topic."""
+
     def __init__(self) -> None:
         self.haptics: HapticSample | None = None
         self.force: ForceSample | None = None
@@ -146,8 +148,8 @@ class AxisView:
             self.delays.add(receive_ns * 1e-9, sample.delay_s)
 
     def _add_force(self, sample: ForceSample, receive_ns: int) -> None:
-        """Adds readback and valid force to the traces; scores the prediction for the command that the force
-        answers, if that is still kept. Sums up the way of the stage with the gripper open.
+        """Adds readback and valid force to the traces; scores prediction and band of the command that the
+        force answers, if that is still kept. Sums up the way of the stage with the gripper open.
         """
         now_s = self.timeline.now_s(receive_ns)
         t_s = self._place_s(sample, now_s)
@@ -167,6 +169,7 @@ class AxisView:
             self.watch.force(now_s, not haptics.low_n <= sample.force_n <= haptics.high_n)
 
     def _place_s(self, sample: ForceSample, now_s: float) -> float:
+        """Time on the charts of the command that a force answers; `now_s` without one of the last minute."""
         stamp_ns = sample.answers_stamp_ns
         if stamp_ns is None:
             return now_s

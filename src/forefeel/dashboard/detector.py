@@ -70,15 +70,13 @@ class ModelWatch:
         self._innovations.append(rms_n)
 
     def force(self, t_s: float, outside: bool) -> None:
-        """A measured force that answers a command, and whether it lay outside of the band drawn for it."""
+        """Counts a measured force that answers a command; `outside`: of the 95 % band drawn for it."""
         self._advance(t_s)
         self._forces += 1
         self._outside += outside
 
     def _advance(self, t_s: float) -> None:
-        """Judges the block of 1 s that has ended, if one has, and clears its sums; goes on to the block of
-        `t_s`.
-        """
+        """Judges the block of 1 s that has ended, if one has, clears its sums, goes on to that of `t_s`."""
         block = int(t_s // _BLOCK_S)
         if self._block is not None and block > self._block:
             self._judge(self._block * _BLOCK_S)
@@ -109,6 +107,7 @@ class ModelWatch:
             self._usual_outside.append(share)
 
     def _count_bad(self, start_s: float, bad: bool, ratio: float, share: float) -> None:
+        """Counts bad blocks in a row; the second raises the alarm, as of the first."""
         self._bad = self._bad + 1 if bad else 0
         if self._bad >= _RAISE_BLOCKS:
             self.alarm = Alarm(start_s - (self._bad - 1) * _BLOCK_S, ratio, share)
@@ -147,7 +146,7 @@ class Comparison:
         sums[2] += (late_n - measured_n) ** 2
 
     def errors(self, now_s: float) -> ErrorPair | None:
-        """None: fewer than `_LEAST` forces were compared in the last `COMPARED_S`."""
+        """Errors over the last `COMPARED_S`; None where fewer than 1000 forces were compared."""
         recent = [sums for second, sums in self._seconds if second > now_s - COMPARED_S]
         count, predicted, late = (
             (sum(column) for column in zip(*recent, strict=True)) if recent else (0, 0, 0)

@@ -41,11 +41,12 @@ class Endpoint:
     def __init__(self, live: LiveCell | None, scene: Scene) -> None:
         self._live = live
         self._viewers: dict[WebSocket, bool] = {}  # by age; whether it has asked
-        self.tell(scene)
+        self.show(scene)
 
-    def tell(self, scene: Scene) -> None:
-        """Serves that scene from now on: its recording, or without one the live cell, which forgets what it
-        heard, or what the scene waits for. Raises InputError where the recording can not be read.
+    def show(self, scene: Scene) -> None:
+        """Serves that scene from now on: its recording, or without one the live cell. The cell forgets what
+        it heard, and shows alone what the scene waits for, if anything. Raises InputError where the recording
+        can not be read.
         """
         self._source: LiveCell | Recorded
         self._vessel = scene.vessel

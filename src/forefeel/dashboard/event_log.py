@@ -44,6 +44,8 @@ class EventLine(NamedTuple):
 
 
 class EventList:
+    """Lines of the newest `MOST` events, the oldest first; `count`: of all so far."""
+
     def __init__(self) -> None:
         self.count = 0
         self._lines: deque[EventLine] = deque(maxlen=MOST)

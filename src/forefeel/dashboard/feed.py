@@ -23,6 +23,8 @@ _DECIMALS = 7  # digits behind the point that are sent, in s, m, N and J
 
 
 class Feed:
+    """Makes the answers to one viewer, and remembers what it has got."""
+
     def __init__(self) -> None:
         self._shown: tuple[AxisView, int] | None = None
         self._ends: dict[str, int] = {}

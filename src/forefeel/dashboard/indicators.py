@@ -112,8 +112,8 @@ def _deadman(view: AxisView, now_ns: int) -> Light:
 
 
 def _force(view: AxisView, now_ns: int) -> Light:
-    """Light of the force, `bad` above its limit; in its place that of the instrument, `warn` once it slipped
-    through the jaws, or while it is about to give way.
+    """Light of the force, `bad` above its limit, `off` without a slave; in its place that of the instrument,
+    `warn` once it slipped through the jaws, or while it is about to give way.
     """
     slave = view.newest.slave
     if slave is None or _quiet(view, SLAVE_STATE, now_ns):

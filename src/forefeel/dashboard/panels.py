@@ -65,7 +65,9 @@ def numbers(view: AxisView, now_ns: int) -> Card:
 
 
 def gain(view: AxisView, now_ns: int) -> Card:
-    """Rms error of the prediction beside that of the late force; level `good` where it is smaller."""
+    """Texts of the rms errors of prediction and late force over the last 20 s; level `good` where the
+    prediction's is smaller, else `off`. `UNKNOWN` while too few forces were compared.
+    """
     errors = view.comparison.errors(view.timeline.now_s(now_ns))
     delays_s = view.delays.rows()[-_TICKS_OF_DELAY:, 1]
     if errors is None or not len(delays_s):

@@ -103,7 +103,7 @@ def run_dashboard(
             routes = [Route("/stop", button.press, methods=["POST"])]
             endpoint = Endpoint(live, Scene(vessel=vessel))
             watch = cell_watch(settings.transport, party, transport, clock)
-            ends = _follow(endpoint, scenes) if scenes else _failure(failed, lambda: live.look(watch))
+            ends = _follow(endpoint, scenes) if scenes else _failure(failed, lambda: live.update_cause(watch))
             _serve(listening, address, endpoint, f"cell {settings.cell}", opens, ends, routes)
 
 
@@ -206,6 +206,8 @@ def overdue(peers: Collection[Connection], now_s: float) -> list[Connection]:
 
 
 class _Server(uvicorn.Server):
+    """Server that leaves signals alone, and aborts connections that are `overdue` in each tick."""
+
     capture_signals = nullcontext  # type: ignore[assignment]
 
     async def on_tick(self, counter: int) -> bool:
@@ -216,6 +218,8 @@ class _Server(uvicorn.Server):
 
 
 class _Files(StaticFiles):
+    """Static files with `_HEADERS`."""
+
     async def get_response(self, path: str, scope: Scope) -> Response:
         answer = await super().get_response(path, scope)
         answer.headers.update(_HEADERS)
@@ -231,7 +235,8 @@ def _serve(
     ends: Coroutine[Any, Any, None],
     more: Sequence[BaseRoute] = (),
 ) -> None:
-    """Serves the page until `ends` does, and shows its link. `address`: as asked for; `what`: in words.
+    """Serves the page, with the checks of `guard`, until `ends` does; shows its link, with `opens` in a
+    browser. `address`: as asked for; `what`: in words.
 
     Raises:
         RunError: `ends`, or what the page is made of, failed.
@@ -288,7 +293,7 @@ async def _follow(endpoint: Endpoint, lines: TextIO) -> None:
     loop = asyncio.get_running_loop()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), lines)
     while line := await reader.readline():
-        endpoint.tell(Scene.model_validate_json(line))
+        endpoint.show(Scene.model_validate_json(line))
     seen_s = time.monotonic()
     while endpoint.scene.stays or time.monotonic() - seen_s < _LINGER_S:
         await asyncio.sleep(_POLL_S)

@@ -55,7 +55,7 @@ class LiveCell:
         self.begin()
 
     def begin(self, waits: str = "") -> None:
-        """Forgets what was heard: another run of the cell is to come; until then `waits` is shown."""
+        """Forgets what was heard, for another run of the cell; `waits`, if any, is shown in its place."""
         with self._lock:
             self._waits, self._cell, self._since_ns = waits, CellView(), self._clock.now_ns()
 
@@ -63,7 +63,7 @@ class LiveCell:
         with self._lock:
             self._cell.hear(key, payload, receive_ns)
 
-    def look(self, watch: Callable[[bool], str]) -> None:
+    def update_cause(self, watch: Callable[[bool], str]) -> None:
         self._cause = watch(self._cell.heard_ns is not None)
 
     def facts(self) -> dict[str, Any]:
@@ -71,7 +71,7 @@ class LiveCell:
 
     def viewer(self) -> Viewer:
         """Makes a function that answers one page with what is new to it in the cell, and with a silence, if
-        there is one.
+        there is one; while the cell waits, with that alone.
         """
         feed = Feed()
 

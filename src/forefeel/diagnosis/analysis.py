@@ -81,12 +81,12 @@ class Analysis:
         return other, Search(other).refined(other.fit(self.fit.model), most=_TRIALS)
 
     def without(self, name: str) -> "Analysis":
-        """Returns an analysis whose search went on without cause `name` in all its forms; of a form with a
-        plainer one only that form is barred, and the plainer one is tried first.
+        """Searches on without cause `name`, in all its forms, and returns that analysis; this one stays. Of a
+        form that has a plainer one only that form is barred, and the search begins with the plainer one.
 
-        A cause that takes its place must fit within `ADD` of the fit before, penalties aside, but for one
-        that says the same with fewer numbers. One that does not describes something that has no name here: it
-        is barred too, and the search repeated.
+        If the new fit has causes that the old one lacked and is worse by `ADD` or more, penalties aside,
+        these are barred too and the search is repeated; a bias, and what says the same as `name` with fewer
+        numbers, never are.
         """
         rest: Model = {other: shape for other, shape in self.fit.model.items() if other != name}
         form = CANDIDATES[name].plainer
@@ -143,8 +143,10 @@ def analyse(
     names: Sequence[str] | None = None,
     parts_s: tuple[float, ...] = (),
 ) -> Analysis:
-    """Cleans the force and searches the causes; up to three times learns the noise from the residual and
-    searches on, until the causes stay the same.
+    """Cleans the force and searches its causes; up to three times learns the noise from the residual and
+    searches on, until the causes stay the same. At constant speed no cause is searched, whatever `names`.
+
+    Further columns that belong to the same axis are dropped, see `independent`.
 
     Args:
         recording: with force.
@@ -227,11 +229,12 @@ def _require(regression: RecordingRegression, recording: Recording, least: int) 
 
 
 def in_band_n(floor: NoiseFloor, signals: Signals) -> float:
+    """rms in N of the noise floor between one period of the recording and the cutoff."""
     return floor.rms_n(1.0 / float(signals.t[-1] - signals.t[0]), signals.cutoff_hz)
 
 
 def noise_of(residual: Floats, signals: Signals, floor: NoiseFloor | None) -> Noise:
-    """Autoregression of a residual on the coarse grid; slower than 3 Hz only where the floor is coloured."""
+    """Autoregressive noise of a residual, coarse grid; corner 3 Hz, or 0.3 Hz beside a coloured floor."""
     corner_hz = LEAST_CORNER_HZ if floor is None or floor.slope == 0.0 else _SLOW_CORNER_HZ
     pieces = signals.piecewise(fine=False)
     return autoregression(residual, signals.rows, pieces, signals.coarse_rate_hz, corner_hz)

@@ -97,7 +97,9 @@ def _weighed(analysis: Analysis, progress: Progress) -> tuple[Diagnosis, Analysi
 
 
 def _flags(flags: Sequence[str], gaps: bool, long: bool) -> tuple[str, ...]:
-    """Flags of the recording itself: its stretches, or several recordings as one, have gaps that it lacks."""
+    """Flags with `gaps` as given, whatever the analysed stretches had; of a `long` recording with
+    `searched_on_stretches` and without `short`.
+    """
     other = [flag for flag in flags if flag != "gaps" and not (long and flag == "short")]
     return (*other, *(["gaps"] if gaps else []), *([FLAG] if long else []))
 
@@ -135,7 +137,7 @@ def check(recording: Recording) -> None:
 
 
 def _is_noise(values: Floats) -> bool:
-    """True if no value correlates with any of the five before it by 0.3 or more."""
+    """True if the autocorrelation at lags of one to five samples is below 0.3 in size."""
     v = values - np.mean(values)
     power = float(v @ v)
     return all(abs(float(v[k:] @ v[:-k])) < _LIKE_NOISE * power for k in range(1, 6))
@@ -158,8 +160,8 @@ _ALIKE = 1.1  # ratio of rates that one band and one grid do for
 
 
 def _joined(recordings: Sequence[Recording]) -> tuple[Recording, tuple[float, ...]]:
-    """Joins recordings in turn, 10 s apart, stamps from 0; returns also the middle of each gap in s. One
-    alone comes back as it is, with an empty tuple.
+    """Joins recordings in turn, 10 s apart, stamps from 0; returns also the middle of each gap in s. A single
+    recording comes back as it is, with an empty tuple.
 
     Nothing is carried across a gap: frictions, plays and relaxations begin anew.
 

@@ -55,7 +55,7 @@ class Limits:
 
     @classmethod
     def reached(cls, signals: Signals) -> "Limits":
-        """Limits that a recording has met, in the band of its diagnosis."""
+        """Range, largest speed, acceleration and force of a recording, in the band of its diagnosis."""
         x, v, a = (values[signals.recorded] for values in (signals.fine_x, signals.fine_v, signals.fine_a))
         most = (float(np.max(np.abs(values))) for values in (v, a, signals.force))
         return cls(float(x.min()), float(x.max()), *most)
@@ -69,13 +69,15 @@ class Limits:
         return self.low_m + _HOME * self.span_m
 
     def shrunk(self, share: float, about_m: float) -> "Limits":
-        """Limits of a share of the range, about a place, and of speed and acceleration."""
+        """Copy with range (about `about_m`), speed and acceleration times `share`; the force stays."""
         low_m, high_m = (about_m + share * (end_m - about_m) for end_m in (self.low_m, self.high_m))
         speed_m_s, acceleration_m_s2 = share * self.speed_m_s, share * self.acceleration_m_s2
         return Limits(low_m, high_m, speed_m_s, acceleration_m_s2, self.force_n)
 
     def before(self, met: "ForceLimitMet") -> "Limits":
-        """Limits whose range ends before the place where the force limit was met."""
+        """Copy whose high end (low end unless `inward`) is at 95 % of the way to where the force limit was
+        met; at least about a tenth of the range is left.
+        """
         end_m, way_m = (self.low_m, self.span_m) if met.inward else (self.high_m, -self.span_m)
         share = float(np.clip((met.position_m - end_m) / way_m, _LEAST_LEFT, 1.0))
         nearest_m = end_m + _BEFORE * share * way_m
@@ -99,8 +101,11 @@ def excited(
     rate_hz: float,
     play: Callable[[Recording, Limits], ForceLimitMet | None],
 ) -> None:
-    """Has the motion played on a bench; where that met its force limit, what is left of it again, in a range
-    that ends before that place, four times at most. `play`: ends the motion, and goes home, at the limit.
+    """Makes the motion of `excitation` and calls `play` with it and its limits; where that returns a met
+    force limit, plays again from the interrupted block on, in a range that ends before that place. Four calls
+    at most.
+
+    `play`: moves the bench and goes home where it meets the limit; returns None if it did not.
     """
     after = 0
     for _ in range(_TRIES):
@@ -115,11 +120,12 @@ def excited(
 def excitation(
     limits: Limits, duration_s: float = SECONDS[1], rate_hz: float = inf, after: int = 0
 ) -> Recording:
-    """The motion within the limits, without a force, at 1 kHz, from 0 s on; the same for the same arguments.
+    """Motion to record: the four blocks within the limits, without a force, at 1 kHz from 0 s on; the same
+    for the same arguments.
 
     Args:
         limits: of the bench.
-        duration_s: 10 to 60.
+        duration_s: 10 to 60, of all blocks.
         rate_hz: at which it will be recorded: the sweep ends at a fifth of it, and nothing is quicker than
             six samples.
         after: number of blocks that are left out at its beginning.
@@ -152,7 +158,7 @@ class _Path:
         return float(self._pieces[-1][-1])
 
     def drawn(self) -> Floats:
-        """All of it, back at home."""
+        """Goes home, and returns the whole path."""
         self.home()
         return np.concatenate(self._pieces)
 
@@ -167,6 +173,9 @@ class _Path:
         self._go_to(self.limits.low_m + place * self.limits.span_m, speed)
 
     def _go_to(self, target_m: float, speed: float) -> None:
+        """Appends a stroke to `target_m` with a trapezoid of speed, at `speed` of the limit times the pace;
+        nothing where the path is there already.
+        """
         way_m = target_m - self.here_m
         fastest, a = _SPEED * self.limits.speed_m_s, _ACCELERATION * self.limits.acceleration_m_s2
         v = min(speed * self.pace * self.limits.speed_m_s, fastest, sqrt(abs(way_m) * a))
@@ -181,7 +190,9 @@ class _Path:
         self._pieces.append(self.here_m + np.sign(way_m) * done)
 
     def sine(self, from_hz: float, to_hz: float, seconds: float, size: float) -> None:
-        """Sine about here, its frequency rising by equal factors, as large as limits and `size` let it."""
+        """Appends a sine about the present position, its frequency rising by equal factors, as large as the
+        limits and `size`, a share of the range, let it.
+        """
         limits, here_m = self.limits, self.here_m
         t = np.arange(1, ceil(seconds / _STEP_S) + 1) * _STEP_S
         rise = log(to_hz / from_hz) / t[-1]
@@ -236,12 +247,13 @@ _BLOCKS: Sequence[_Block] = (_sweep, _steps, _speeds, _reversals)
 
 
 def _fitted(block: _Block, limits: Limits, duration_s: float, fastest_hz: float) -> Floats:
-    """Path of a block that takes a given time: in as much of the range, about home, as the quickest pace
-    manages, then at the slowest pace that does, then at rest.
+    """Path of a block, `duration_s` long: in as much of the range, about home, as the quickest pace manages
+    in that time, then at the slowest pace that does, then at rest.
     """
     samples, path = round(duration_s / _STEP_S), np.empty(0)
 
     def drawn(size: float, pace: float) -> Floats:
+        """Path of the block at `pace`, in the share `size` of the range about home."""
         low_m, high_m = (
             limits.home_m + size * (end - limits.home_m) for end in (limits.low_m, limits.high_m)
         )

@@ -95,7 +95,7 @@ def expected_gain(
 
 
 def parameter_errors(regression: RecordingRegression, fit: ModelFit, rng: Generator) -> Floats:
-    """Draws of the errors of coefficients, then shapes, shape (draws, parameters)."""
+    """Draws of the errors of coefficients, then shapes, by their covariance; shape (draws, parameters)."""
     covariance = covariance_of(regression, fit)
     mean = np.zeros(len(covariance))
     return rng.multivariate_normal(mean, covariance, _DRAWS, method="eigh", check_valid="ignore")
@@ -104,7 +104,10 @@ def parameter_errors(regression: RecordingRegression, fit: ModelFit, rng: Genera
 def powers(
     other: RecordingRegression, base: ModelFit, fit: ModelFit, errors: Floats
 ) -> tuple[Floats, Floats, float]:
-    """(|J d|^2, |J d + c|^2) of each draw, and |c|^2, in N^2, less what is sized anew there."""
+    """Mean squares in N^2 of forces along `other`, less what a run sizes anew (`less_own`): J d of each draw
+    d of `errors`; J d + c of each draw; c. J d: error of the fit's force; c: that force less the one of
+    `base`.
+    """
     j = plain_jacobian(other, fit)
     c = other.predicted(fit) - other.predicted(base)
     j, c = np.hsplit(less_own(other, fit, np.column_stack([j, c])), [-1])
@@ -114,8 +117,8 @@ def powers(
 
 
 def less_own(regression: RecordingRegression, fit: ModelFit, columns: Floats) -> Floats:
-    """Columns at the rows that count, less what they have of those that any run of the bench sizes anew: the
-    zero of the cell, and the columns of the fit's causes that hold for their run only, or for its start.
+    """Columns at the rows that count, less their least-squares fit by what any run of the bench sizes anew:
+    the zero of the cell, and the columns of the fit's causes that hold for their run only, or for its start.
     """
     rows, anew = regression.rows, [regression.block({}, "bias", ())]
     for name, shape in fit.model.items():

@@ -48,7 +48,7 @@ def extended_model(analysis: Analysis, name: str) -> ContactModel:
 
 
 def simulated_n(model: ContactModel, recording: Recording) -> Floats:
-    """Force of the model, whose positive resists, at the stamps of a recording, by which its times count:
+    """Force of the model, whose positive resists, at the stamps of a recording, which are the model's times:
     from rest along the motion as a diagnosis conditions it, up to 0.45 of the sampling rate. Each piece
     without gaps is a new contact; one too short to be conditioned is derived by differences.
 

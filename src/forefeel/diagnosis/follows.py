@@ -44,12 +44,13 @@ class Leftover:
 
     @cached_property
     def _variables(self) -> dict[str, Columns]:
-        """Columns of each variable, shape (coarse samples, columns), made when called; filtered and late as
-        the cell shows them.
+        """Functions by variable that make its columns, shape (coarse samples, columns); those of the motion
+        filtered and late as the cell shows them.
         """
         return {**self._of_the_motion(), **self._of_time()}
 
     def _of_the_motion(self) -> dict[str, Columns]:
+        """Functions that make the columns of motion, further columns and size of the force, by variable."""
         m = self.regression.motion(self.fit.model)
         x, v, a, way, since = m.x, m.v, m.a, m.direction(), _since_reversal(m)
         usual = float(np.quantile(np.abs(v), 0.9))
@@ -78,8 +79,8 @@ class Leftover:
         return {**made, "size of the force": lambda: np.column_stack(_bumps(force, _knots(force, 12)))}
 
     def _of_time(self) -> dict[str, Columns]:
-        """Columns of time, and of one rhythm (`_line_hz`), which may last, act while the motion does, grow
-        with depth, or vary in rate.
+        """Functions that make the columns of time, and of one rhythm (`_line_hz`), which may last, act while
+        the motion does, grow with depth, or vary in rate.
         """
         regression, t = self.regression, self.regression.signals.t
         line_hz, duration_s = self._line_hz(), regression.extent.duration_s
@@ -122,7 +123,7 @@ class Leftover:
         return float(frequency[int(np.argmax(power))])
 
     def _as_measured(self, table: Callable[[], list[Floats]]) -> Floats:
-        """Columns on the fine grid as the cell shows them, on the coarse one."""
+        """Columns of the fine grid, late and filtered as the cell shows them, on the coarse grid."""
         signals = self.regression.signals
         factor = alignment(signals.omega, self.fit.model)
         spectra = signals.spectrum(np.array(table()))
@@ -130,15 +131,15 @@ class Leftover:
 
     def _gain_of(self, extra: Floats) -> HeldOut:
         """Held-out gain of the fit's columns with `extra` ones (coarse grid, not whitened) over the fit's
-        columns alone; that of the ridge on the extra ones that gains most.
+        columns alone, with the better of two ridges on the extra ones.
         """
         both = (self._errors_beside(self._columns, extra, ridge) for ridge in _RIDGES)
         gains = (gain(self.regression, self._errors_alone, errors) for errors in both)
         return max(gains, key=lambda trial: trial.gain)
 
     def gain_beside(self, plain: ModelFit) -> float:
-        """Lower end of the held-out gain of the fit over a plainer one with the columns of a single variable
-        beside both, the one that explains most of the residual, half of it or more; infinite without one.
+        """Lower end of the held-out gain of the fit over `plain`, both with the columns of the single
+        variable that explains most of the residual; infinite where none explains half of it.
         """
         most = max(_SINGLE, key=lambda name: self._gains[name][1].gain)
         if _share(self._gains[most][1]) < _HALF:
@@ -146,16 +147,16 @@ class Leftover:
         return self._gain_low_beside(self._variables[most](), columns(self.regression, plain))
 
     def gain_beside_motion(self, plain: ModelFit) -> float:
-        """Lower end of the held-out gain of the fit over a plainer one with the columns of the variable of
-        the motion beside both that leaves least of it. The size of the force, which has what is fitted in it,
-        is none.
+        """Lower end of the held-out gain of the fit over `plain`, both with the columns of one variable of
+        the motion; the least over all these variables but the size of the force, which has what is fitted in
+        it.
         """
         of_plain = columns(self.regression, plain)
         tables = (make() for name, make in self._of_the_motion().items() if name != _SINGLE[-1])
         return min(self._gain_low_beside(extra, of_plain) for extra in tables)
 
     def _gain_low_beside(self, extra: Floats, of_plain: tuple[Floats, Floats]) -> float:
-        """Lower end of the held-out gain of the fit's columns over plainer ones, `extra` ones beside both."""
+        """Lower end of the held-out gain of the fit's columns over plainer ones, `extra` beside both."""
         both = of_plain, self._columns
         before, after = (self._errors_beside(of_fit, extra, _RIDGES[-1]) for of_fit in both)
         return gain(self.regression, before, after).gain_low
@@ -193,15 +194,17 @@ class Leftover:
         return max((_share(held) for held in gains if held.gain_low > gain_low), default=0.0)
 
     def share_of_one(self, with_time: bool) -> float:
-        """Share of the residual's variance that the best function of a single variable explains at best;
-        without pairs and memories, which explain anything where strokes repeat.
+        """Largest share of the residual's variance that a function of one single variable explains, 0 or
+        more; `with_time`: of time, too. Pairs and memories, which explain anything where strokes repeat, do
+        not count.
         """
         single = (*_SINGLE, "time") if with_time else _SINGLE
         return max(_share(self._gains[name][1]) for name in single)
 
     def follows(self) -> tuple[Follows, ...]:
-        """Up to three variables that clearly explain 15 % of the residual's variance, first the one to look
-        at: the simplest of those that leave about the least. Empty without any.
+        """Up to three variables that clearly explain over 15 % of the residual's variance: first the simplest
+        of those that leave about the least, then by share. Time and further columns count only if they leave
+        less than half of what all others do. Empty without any.
         """
         place = self._place_m()
         clear = [
@@ -239,7 +242,7 @@ def _products(a: Floats, b: Floats) -> list[Floats]:
 
 
 def _knots(values: Floats, count: int) -> Floats:
-    """Half by quantiles, half evenly: where the data are and over the whole range."""
+    """Knots from the 1 % to the 99 % quantile, halfway between even places and quantiles."""
     low, high = np.quantile(values, (0.01, 0.99))
     even = np.linspace(low, high, count)
     return 0.5 * (even + np.quantile(values, np.linspace(0.01, 0.99, count)))

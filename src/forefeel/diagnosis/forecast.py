@@ -47,7 +47,7 @@ class Rivals:
         self._errors = [parameter_errors(self._regression, fit, rng) for fit in self._fits.values()]
 
     def along(self, motion: Recording) -> list[Forecast]:
-        """Forecasts along a motion, in the band of the diagnosis; none where it is too short for that."""
+        """Forecast of each rival along a motion; empty where that is too short for the diagnosis's band."""
         regression = self._regression
         signals = Signals.of_motion(motion.time_s, motion.position_m, regression.signals.cutoff_hz)
         if signals is None:
@@ -62,7 +62,9 @@ class Rivals:
 
 
 def _fits(diagnosed: Diagnosed) -> dict[tuple[str, ...], ModelFit]:
-    """Fits of the rivals, by the names of their causes; the simulation alone first."""
+    """Fits of up to five rivals by the names of their causes: the simulation alone, what the search has
+    fitted, and the simulation with one cause of the rival groups.
+    """
     analysis, search = diagnosed.analysis, diagnosed.analysis.search
     searched = tuple(sorted(base_name(name) for name in analysis.fit.model if name != "bias"))
     base, fits = analysis.base, {(): analysis.base, searched: analysis.fit}

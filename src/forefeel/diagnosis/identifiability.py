@@ -33,7 +33,7 @@ NOISE_TELLING_MOTION = NextMotion(
 
 
 def following_motion(follows: Sequence[Follows]) -> NextMotion:
-    """Motion for what is left, with the place of the first variable that it follows, if it follows one."""
+    """Motion to record next, at the place of the first variable that the residual follows, if any."""
     return replace(EXCITATION, low_m=follows[0].low_m, high_m=follows[0].high_m) if follows else EXCITATION
 
 

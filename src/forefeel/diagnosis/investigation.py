@@ -51,9 +51,12 @@ def investigate(
     duration_s: float = SECONDS[1],
     progress: Progress = lambda stage: None,
 ) -> Investigation:
-    """Diagnoses a recording, unless it is diagnosed, and makes the motion to record next, within what it has
-    reached, and where a rival says that the force stays within its limit. `limits`: fields of `Limits`, in
-    place of those reached; with any of them the force has a limit only where it is given.
+    """Makes the motion to record next, within what the recording has reached: the largest of eight sizes with
+    which a rival's forecast stays within the force limit, or else the smallest. Diagnoses the recording
+    first, unless it is `Diagnosed`.
+
+    `limits`: fields of `Limits`, in place of those reached; with any of them the force has a limit only where
+    it is given.
 
     Raises:
         RecordingError: no force, shorter than 3 s, no motion.
@@ -105,8 +108,9 @@ class Judged:
 
 
 def judge(asked: Investigation, answer: Recording, progress: Progress = lambda stage: None) -> Judged:
-    """Diagnoses an answer, and confirms its model on the question, or else that of the question on the
-    answer; asks for no motion a second time.
+    """Diagnoses an answer; causes that it names stand unless their model fails on the question. Else those of
+    the question stand if their model is confirmed on the answer, without cautions; else the verdict on the
+    answer, `unexplained` where it named any. Asks for no motion a second time.
 
     Raises:
         RecordingError: the answer can not be diagnosed, or one of the two has too low a rate for the band of
@@ -132,7 +136,7 @@ def judge(asked: Investigation, answer: Recording, progress: Progress = lambda s
 
 
 def _unasked(diagnosed: Diagnosed) -> Diagnosed:
-    """The diagnosis without a motion to record next, if that is the one that was asked for."""
+    """Copy without the motion to record next, unless that is one in words: then unchanged."""
     motion = diagnosed.diagnosis.next_motion
     if motion is None or motion.words is not None:
         return diagnosed

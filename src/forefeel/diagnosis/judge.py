@@ -118,12 +118,12 @@ class Judge:
         self.force_n = float(np.std(self.regression.signals.force[self.regression.signals.rows]))
 
     def diagnosis(self) -> Diagnosis:
-        """Diagnosis: a verdict of `_inexplicable` if there is one. Where the fit has a cause (or a bias), or
+        """Diagnosis: a verdict of `_without_cause` if there is one. Where the fit has a cause (or a bias), or
         the sensor a fault, `cause_found`, or `partly_explained` beside structure; else `nothing_missing`, or
         `nothing_found` where the noise floor is unknown.
         """
         names = {base_name(name) for name in self.fit.model} | {fault.name for fault in self.faults}
-        less = self._inexplicable()
+        less = self._without_cause()
         if less is not None:
             return self._diagnosis(*less, suspected=names)
         if self.fit.model or self.faults:
@@ -148,7 +148,7 @@ class Judge:
         """The cause without which most is left; the bias is none."""
         return max(self._causes_of_model, key=lambda name: self.without[name][1].rmse_before_n, default=None)
 
-    def _inexplicable(self) -> Less | None:
+    def _without_cause(self) -> Less | None:
         """Verdict that names no cause, with the motion to record next and the rivals; None where causes may
         be named. In turn: `not_separable` at constant speed; `unexplained` if `slow`;
         `not_driven_by_this_axis`; `unexplained` if structure is left beside which the causes do not stand;
@@ -160,7 +160,7 @@ class Judge:
             return "unexplained", None, ()
         if self._not_driven():
             return "not_driven_by_this_axis", None, ()
-        if self._structure_left and not self._stand():
+        if self._structure_left and not self._causes_stand():
             return "unexplained", following_motion(self._follows), ()
         groups = self._groups
         if groups:
@@ -180,7 +180,7 @@ class Judge:
             return (RIVALS_AT_ONE_SPEED,)
         return self._rival_groups()
 
-    def _stand(self) -> bool:
+    def _causes_stand(self) -> bool:
         """True if the causes stand beside structure that has no name: they gain clearly, have no rivals, and
         leave hardly more than the best function of a single variable would in their place: what that explains
         far better is something else.
@@ -208,8 +208,8 @@ class Judge:
         return beats and float(np.mean(self.fit.model[name])) > look.slow_hz
 
     def _not_driven(self) -> bool:
-        """True if the force's own past predicts it clearly better than the motion does, and no other column
-        explains it.
+        """True if the force's own past, 0.2 s old or more, tells over 30 % of it and leaves under a quarter
+        of what the motion leaves. False where the motion explains 60 %, or a cause follows a further column.
         """
         if any(map(self.regression.column_of, self.fit.model)):
             return False
@@ -222,9 +222,9 @@ class Judge:
     @cached_property
     def _structure_left(self) -> bool:
         """True if the causes leave over three times the noise and 2 % of the force; over 20 % of the variance
-        that mass, damper, spring and a bias leave, and that may not be noise; or if much of it is structure;
-        or next to an unknown noise over 3 % of the force, most of which its own past predicts. Always False
-        with a quantised sensor, and where no more is left than the encoder's steps make.
+        that mass, damper, spring and a bias leave, unless that may be noise; much structure; or where the
+        noise is unknown over 3 % of the force, most of it predicted by its own past. Always False with a
+        quantised sensor, and where no more is left than the encoder's steps make.
         """
         if any(fault.name == SensorQuantisation.name for fault in self.faults):
             return False
@@ -281,8 +281,8 @@ class Judge:
 
     def _rival_groups(self) -> tuple[tuple[str, ...], ...]:
         """Groups (cause, up to two rivals), one for each cause of the fit that has rivals: causes outside the
-        model whose score in its place is as good or less than 6 worse, and which take its place: beside them
-        it gains less than half of what it does. None of the same part of the bench.
+        model, of another part of the bench, that score less than 6 worse in its place, and beside which it
+        gains less than half as much.
         """
         taken = {base_name(name) for name in self.fit.model}
         groups = []
@@ -336,8 +336,8 @@ class Judge:
         return min(weak, key=lambda name: self.without[name][0].score, default=None)
 
     def unclear(self) -> str | None:
-        """Cause that gains least next to structure without a name, alone or beside the single variable that
-        most of what is left follows; None where it gains clearly or is the last one.
+        """Name of the cause that gains least, alone or beside the single variable that most of what is left
+        follows, if that gain may be below 10 % and structure is left. Else None; also for the only cause.
         """
         if len(self._causes_of_model) < 2 or not self._structure_left:
             return None
@@ -350,14 +350,13 @@ class Judge:
         return least if gains[least] < _CLEAR_GAIN else None
 
     def _is_impossible(self, name: str) -> bool:
-        """True if a parameter is out of its cause's bounds; or if the cause needs a spring (it relaxes or
-        lags) and the stiffness may be 0: it is then a damper that comes late, as dry friction is where the
-        motion turns. Also for a sensor lag over 0.1 s if a contact that relaxes gives the same force along
-        every motion.
+        """True if a parameter is out of its cause's bounds; if the cause needs a spring (it relaxes or lags)
+        and the stiffness may be 0; or for a sensor lag over 0.1 s if a contact that relaxes gives the same
+        force along every motion.
         """
         mass, damping, stiffness = (self.parameters[""][size] for size in BASE)
         if cause_class(name).needs_spring and stiffness.low <= 0.0:
-            return True
+            return True  # a damper that comes late, as dry friction is where the motion turns
         values = self.parameters[base_name(name)]
         if name == SensorLag.name:
             # (m s^2 + b s + k) / (1 + tau s) is the spring k, a damper m / tau, and a Maxwell branch of
@@ -370,11 +369,11 @@ class Judge:
         return any(not p.lower <= values[p.name].value <= p.upper for p in bounded)
 
     def _is_weak(self, name: str) -> bool:
-        """True if the cause gains 3 % or less on held-out blocks (lower end), as a second friction, which
-        takes what the first one's course leaves, 10 %; no more than the encoder's steps make; or its
-        intervals tell nothing: all sizes may be 0, a ratio may be 1, or a mode no peak. Also for a change of
-        stiffness at rest with few reversals beside it that gains below 90 %, for what has to come again where
-        the motion does not, and for a rhythm that gains less than 20 % beside a function of the motion.
+        """True if the cause gains too little on held-out blocks (lower end up to 3 %, of a second friction 10
+        %, or no more than the encoder's steps make); if its intervals tell nothing (all sizes may be 0, a
+        ratio 1, a mode no peak); or if it was not repeated: a change of stiffness at rest with few reversals
+        beside it that gains below 90 %, any course over one way in and out, a rhythm that gains under 20 %
+        beside a function of the motion.
         """
         _, held_out = self.without[name]
         rubs = [other for other in self.fit.model if cause_class(other).rubs]
@@ -408,9 +407,7 @@ class Judge:
         return self._left_over.gain_beside_motion(self.search.fit(rest)) < _BESIDE_MOTION
 
     def _moved_around(self, instant_s: float, least: int) -> bool:
-        """True if at least so many reversals lie before and after an instant: of few, two stiffnesses and two
-        levels describe a hysteresis, too, though never nearly all of it.
-        """
+        """True if both before and after an instant the position reverses `least` times or more."""
         signals = self.regression.signals
         inside = signals.recorded
         after = signals.fine_t[inside] > instant_s
@@ -455,7 +452,7 @@ class Judge:
         return tuple(sorted(causes, key=lambda cause: (cause.name == "bias", -cause.explained_n)))
 
     def _cause(self, name: str) -> Cause:
-        """Cause with parameters and evidence."""
+        """Result entry of a cause by its form: significant parameters, held-out gain, evidence."""
         without, held_out = self.without[name]
         plain, likelihood = base_name(name), without.score - self.fit.score
         words = (

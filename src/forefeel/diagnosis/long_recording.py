@@ -97,7 +97,7 @@ def _merged(faults: list[tuple[Cause, float]], total_s: float) -> Cause | None:
 
 
 def _together(intervals: list[Interval], share: float) -> Interval:
-    """Mean of the values and their intervals, narrower by the root of their number; times `share`."""
+    """Interval about the mean value: mean interval over the root of their number; times `share`."""
     value, low, high = np.mean([(i.value, i.low, i.high) for i in intervals], axis=0)
     narrow = 1.0 / np.sqrt(len(intervals))
     ends = (float(share * (value + narrow * off)) for off in (0.0, low - value, high - value))
@@ -262,6 +262,7 @@ class Whole:
         return rows
 
     def _one_of_each(self) -> list[int]:
+        """Number of the middle chunk of each of the joined recordings."""
         start_s = np.array([self.recording.time_s[chunk.start] for chunk in self.chunks])
         owners = np.searchsorted(self.parts_s, start_s - self.recording.time_s[0])
         groups = [np.flatnonzero(owners == owner) for owner in np.unique(owners)]

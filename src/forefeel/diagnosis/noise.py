@@ -55,11 +55,8 @@ def autoregression(
     residual: Floats, rows: Mask, pieces: Sequence[slice], rate_hz: float, corner_hz: float = LEAST_CORNER_HZ
 ) -> Noise:
     """Autoregressive noise by a Yule-Walker fit to the rows that count, others taken as zero (Parzen's
-    amplitude-modulated series); white noise where they are too few, or have no power.
-
-    A small ridge keeps the filter's stop-band from being blown up. Autocovariance beyond that of noise with
-    the corner `corner_hz` is clipped: it is structure, which taken for noise would blind the search for slow
-    causes.
+    amplitude-modulated series); white noise where they are too few, or have no power. Autocovariance beyond
+    that of noise with the corner `corner_hz` is clipped.
     """
     counted = float(np.count_nonzero(rows))
     order = _order(rows, pieces)
@@ -73,11 +70,12 @@ def autoregression(
             pairs[lag] += w[lag:] @ w[: len(w) - lag]
     gamma /= np.maximum(pairs, 1.0)
     longest = np.exp(-2.0 * np.pi * corner_hz / rate_hz * np.arange(order + 1))
+    # what lasts longer is structure, which taken for noise would blind the search for slow causes
     gamma = np.clip(gamma, -gamma[0] * longest, gamma[0] * longest)
     gamma *= 1.0 - np.arange(order + 1) / max(counted, order + 2.0)
     if gamma[0] <= 0.0 or order < 2:
         return white()
-    gamma[0] *= 1.0 + _RIDGE
+    gamma[0] *= 1.0 + _RIDGE  # or the filter's stop-band would be blown up
     phi = solve_toeplitz(gamma[:-1], gamma[1:])
     variance = gamma[0] - float(phi @ gamma[1:])
     if variance <= 0.0:  # clipping left no autocovariance: first order, then
@@ -151,9 +149,9 @@ class NoiseFloor:
 
 
 def noise_floor(recording: Recording, force_n: Floats, unusable: Mask | None = None) -> NoiseFloor | None:
-    """Noise floor of the force, above the frequencies of the motion, in stretches of the longest piece
-    without a reversal. None where the recording is too short or too slow to show it, or a filter made it fall
-    steeply.
+    """Fits a noise floor to the spectrum of the force above the frequencies of the motion, in stretches of
+    the longest piece without a reversal. None where the recording is too short or too slow to show it, or a
+    filter made it fall steeply.
 
     `unusable`: samples whose force means nothing, such as the end of the cell's range, which has no noise.
     """

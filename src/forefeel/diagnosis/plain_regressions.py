@@ -34,9 +34,9 @@ _SEEN = 0.25  # of what mass, damper and spring leave: a family that takes less 
 
 
 def look(signals: Signals, motion: MotionGrid) -> Look:
-    """Finds by plain regressions the force's sense (+1 resists, -1), the shares of its variance explained on
-    held-out blocks in the whole band and above `slow_hz`, and the family of causes that takes most of what
-    mass, damper, spring leave (None: below a quarter). `motion` is that of the stage on the fine grid.
+    """Judges by plain regressions, before the search: sense of the force (+1: resists, -1), shares of its
+    variance explained on held-out blocks in the whole band and above `slow_hz`, and the family of causes that
+    takes most of what mass, damper, spring leave (None: below a quarter). `motion`: of the stage, fine grid.
     """
     columns = _columns(signals, motion)
     slow_hz, gain = _high_pass(signals)
@@ -59,8 +59,10 @@ def look(signals: Signals, motion: MotionGrid) -> Look:
 
 
 def _direction(band: "_Band", whole: "_Band") -> tuple[float, bool]:
-    """(sense, True if the spring pushes away): by what dissipates where such a spring (a weight that stands
-    upright, a magnet) leaves clearly less than any spring that resists, at once or late; else by all.
+    """(sense, True if the spring pushes away). The sense is that in which mass, damper, spring and friction
+    explain more, in the band or, where that is not clear, in the whole band; the spring pushes away (a weight
+    that stands upright, a magnet) if so it leaves under 70 % of what one that resists, at once or late,
+    leaves.
     """
     for part in (band, whole):
         resisting, late, either = (
@@ -75,7 +77,9 @@ def _direction(band: "_Band", whole: "_Band") -> tuple[float, bool]:
     return max(shares, key=lambda sense: shares[sense]), away
 
 
-def strokes(signals: Signals, motion: MotionGrid, look: Look) -> tuple[Floats, Floats, dict[str, Floats]]:
+def strokes_in_band(
+    signals: Signals, motion: MotionGrid, look: Look
+) -> tuple[Floats, Floats, dict[str, Floats]]:
     """(position in m, measured force in N, force in N of each regression by its name), high-passed at
     `slow_hz`, at the rows that count; regressions of mass, damper, spring alone and with the family of `look`
     or all three.
@@ -111,7 +115,7 @@ class _Band:
         self._blocks = np.array_split(np.arange(len(force)), _BLOCKS)
 
     def explained(self, families: Sequence[str], sense: float) -> float:
-        """Share of the force's variance on held-out blocks."""
+        """Share of the force's variance that `predicted` explains, on blocks that were held out."""
         return explained_share(self.force, self.predicted(families, sense))
 
     def predicted(self, families: Sequence[str], sense: float) -> Floats:

@@ -48,7 +48,7 @@ _DEPENDENT_NORMAL = 1e-6  # inner products hold half of the digits
 
 
 def solve(design: Floats, target: Floats) -> tuple[Floats, float]:
-    """Least squares: (coefficients, residual sum of squares); later dependent columns get zero."""
+    """Least squares: (coefficients, residual sum of squares); what depends on earlier columns gets zero."""
     scale = np.sqrt(np.einsum("ij,ij->j", design, design))
     scale[scale == 0.0] = 1.0
     q, r = np.linalg.qr(design / scale)
@@ -72,7 +72,7 @@ def _scale(gram: Floats) -> Floats:
 
 
 def solve_normal(gram: Floats, moment: Floats) -> tuple[Floats, float]:
-    """Normal equations: (coefficients, explained sum of squares); later dependent columns get zero."""
+    """Normal equations: (coefficients, explained sum of squares); what depends on earlier columns gets 0."""
     if not len(moment):
         return np.empty(0), 0.0
     scale = _scale(gram)
@@ -92,16 +92,14 @@ def solve_normal(gram: Floats, moment: Floats) -> tuple[Floats, float]:
 
 
 def solve_passive(gram: Floats, moment: Floats, sense: float, first: int) -> tuple[Floats, float]:
-    """Normal equations in which the `first` coefficients have the sense of the force or are zero.
-
-    Where one of them has not, it is left out, which is best if none that is left out would gain by the sense
-    that it may have: the problem is convex. Else every set of them is tried: two that a sine does not tell
-    apart, as mass and stiffness, are large and of both signs.
+    """Solves normal equations in which each of the first `first` coefficients has the sign of `sense` or is
+    zero; (coefficients, explained sum of squares).
     """
     best, explained = solve_normal(gram, moment)
     wrong = best[:first] * sense < 0.0
     if not wrong.any():
         return best, explained
+    # leaving those out is best if none of them would gain by the sense that it may have: it is convex
     places = np.append(np.flatnonzero(~wrong), np.arange(first, len(moment)))
     inner, trial = solve_normal(gram[places[:, None], places], moment[places])
     best = np.zeros(len(moment))
@@ -109,6 +107,7 @@ def solve_passive(gram: Floats, moment: Floats, sense: float, first: int) -> tup
     gained = (moment[:first] - gram[:first] @ best)[wrong] * sense
     if not (best[:first] * sense < 0.0).any() and (gained <= 0.0).all():
         return best, trial
+    # two that a sine does not tell apart, as mass and stiffness, are large and of both signs
     explained = -np.inf
     for used in product((True, False), repeat=first):
         free = np.ones(len(moment), dtype=np.bool_)
@@ -208,7 +207,8 @@ class RecordingRegression:
     def like(self, signals: Signals, fit: ModelFit | None = None) -> "RecordingRegression":
         """Regression of the same bench along another motion, with this one's band, noise, extent and look.
 
-        `fit`: by whose damper, spring and constants the force is replaced for what depends on it.
+        `fit`: its damper, spring and constants make the force that columns may depend on, in place of the
+        recorded one.
         """
         other = RecordingRegression(signals, self.extent.speed_band, look_result=self.look)
         other.extent = self.extent
@@ -251,6 +251,7 @@ class RecordingRegression:
         return self._fits[key]
 
     def _fitted(self, model: Model) -> ModelFit:
+        """Computes what `fit` remembers; from the columns themselves where inner products cancel."""
         blocks = self._blocks(model)
         named = zip(["", *model], blocks, strict=True)
         owners = tuple(name for name, block in named for _ in range(block.columns.shape[1]))
@@ -265,8 +266,9 @@ class RecordingRegression:
         return ModelFit(model, coefficients, owners, max(rss, 1e-300), n, penalty, feasible)
 
     def lowest_scores(self, model: Model, tried: Mapping[str, Sequence[Shape]]) -> dict[str, Floats]:
-        """Scores from below of the model with one more of these causes, at each of its shapes: what is left
-        where all coefficients may have any sign. -inf where the cause changes the columns of others.
+        """Lower bounds of the scores of the model with one of these causes more, at each of its shapes: those
+        of coefficients of any sign. -inf where none is known: the cause changes the columns of others, or
+        next to nothing is left.
         """
         known, moved, n = self._blocks(model), frame(model, Changing), len(self.target)
         gram, moment = self._normal(known)
@@ -292,7 +294,7 @@ class RecordingRegression:
         return bounds
 
     def design(self, model: Model) -> Floats:
-        """Whitened columns that count."""
+        """Whitened columns of a model at the rows that count, shape (rows, coefficients)."""
         return np.hstack([block.columns for block in self._blocks(model)])
 
     def no_peak(self, model: Model) -> bool:
@@ -342,15 +344,14 @@ class RecordingRegression:
         return spectra if factor is None else spectra * factor
 
     def _alignment(self, model: Model) -> Spectrum | None:
+        """`alignment` of a model; only the last one is kept."""
         key = frame(model, Alignment)
         if self._aligning[0] != key:
             self._aligning = key, alignment(self.signals.omega, model)
         return self._aligning[1]
 
     def predicted(self, fit: ModelFit, leave: str | None = None) -> Floats:
-        """Force of the fit in N on the coarse grid, without the part of the cause `leave` ("": mass, damper
-        and spring).
-        """
+        """Force of the fit in N, coarse grid, without the cause `leave` ("": mass, damper and spring)."""
         total = np.zeros(len(self.signals.t))
         for name, shape in [("", ()), *fit.model.items()]:
             block = self.block(fit.model, name, shape)
@@ -368,8 +369,8 @@ class RecordingRegression:
         return np.asarray(self.signals.force - self.predicted(fit))
 
     def rounding_n(self, fit: ModelFit) -> float:
-        """rms in N that the encoder makes of the fit's mass, damper and spring, in the motion's band:
-        `step^2 / 12` of power, white up to half of the sampling rate.
+        """rms in N of the force that the fit's mass, damper and spring make of the encoder's steps, whose
+        power `step^2 / 12` is white up to half of the sampling rate, in the motion's band.
         """
         s, (mass, damping, stiffness) = self.signals, fit.coefficients[: len(BASE)]
         reach_hz = min(s.motion_reach_hz, s.cutoff_hz)
@@ -412,15 +413,14 @@ class RecordingRegression:
         return self._whitened[key]
 
     def _white_columns(self, model: Model, name: str, shape: Shape) -> Floats:
-        """Whitened columns of a cause at the rows that count, shape (rows, coefficients); by the spectrum but
-        for lines: what wraps around falls on other rows.
-        """
+        """Whitened columns of a cause at the rows that count, shape (rows, coefficients)."""
         candidate = CANDIDATES.get(name)
         if isinstance(candidate, Periodic):
             return self._white(self.block(model, name, shape))
         if _has_no_column(candidate):
             return np.empty((len(self.target), 0))
         spectra = self._aligned(model, name, shape, candidate)
+        # whitened in the spectrum: what wraps around falls on rows that do not count
         return self.signals.column(spectra * self._whitener)[:, self._counted].T
 
     def slopes_of_course(self, fit: ModelFit, name: str) -> Floats:
@@ -508,7 +508,10 @@ class RecordingRegression:
 
 
 def motion_grid(s: Signals, speed_band: float) -> MotionGrid:
-    """Motion and force of conditioned signals on their fine grid; speeds within the band are noise."""
+    """Collects the motion of conditioned signals on their fine grid, in contact throughout; the force is
+    interpolated to it from the coarse grid, piece by piece. `speed_band`: speed in m/s below which a
+    direction is noise; stored.
+    """
     grids = zip(s.piecewise(), s.piecewise(fine=False), strict=True)
     return MotionGrid(
         s.fine_t, s.fine_x, s.fine_v, s.fine_a,
@@ -552,7 +555,7 @@ def drags(model: Model) -> bool:
 
 
 def alignment(omega: Floats, model: Model) -> Spectrum | None:
-    """Transfer of late stamps, a slow load cell and a weak fixture; None when the model has none."""
+    """Product of the transfers of late stamps, a slow cell, a weak fixture; None if the model has none."""
     factor: Spectrum | None = None
     for candidate, shape in changing(model, Alignment):
         transfer = candidate.factor(omega, shape)
@@ -561,8 +564,8 @@ def alignment(omega: Floats, model: Model) -> Spectrum | None:
 
 
 def penalty_of(owners: tuple[str, ...], model: Model, n: int) -> float:
-    """Bayesian information criterion, and the price of its forms; a searched shape costs twice a linear
-    parameter.
+    """Penalty of a score: the Bayesian information criterion, in which a shape counts as two linear
+    parameters, and the price of the forms.
     """
     price = n * sum(CANDIDATES[name].price for name in model)
     return price + float(np.log(n)) * (len(owners) + 2.0 * sum(len(shape) for shape in model.values()))

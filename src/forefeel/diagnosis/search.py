@@ -41,6 +41,8 @@ _LEAST_LINES = 3.0  # harmonics of a motion that repeats, in the width of a mode
 
 
 class Periods:
+    """Finds periods in residuals, and tells which modes and pulsations the motion can show."""
+
     def __init__(self, regression: RecordingRegression) -> None:
         self.regression = regression
         self.lowest_hz = max(PULSATION_HZ[0], _LEAST_CYCLES / regression.extent.duration_s)
@@ -69,10 +71,9 @@ class Periods:
         return peaks + [(f / 2.0,) for (f,) in peaks if f / 2.0 >= low]
 
     def courses(self, fit: ModelFit, rhythm: Rhythm, count: int = 2) -> list[Shape]:
-        """Shapes of the rhythms that the residual may have, by its strongest lines times the rhythm's last
-        factor: of each a steady one, unless it is `living`, then the course by the phase of what is within a
-        third of the line, if it has 7 cycles; of one that goes with the motion, which has twice the freedom,
-        12.
+        """Shapes to try for a rhythm, from the `count` strongest lines of the residual times the rhythm's
+        last factor: of each line its frequency alone, unless the rhythm is `living`, then its rates along
+        time, by the phase of what is within 35 % of the line, if it has 12 cycles (7 of a `living` one).
         """
         signals, motion = self.regression.signals, self.regression.motion(fit.model)
         *level, factor = rhythm.factors(motion)
@@ -168,7 +169,7 @@ class Periods:
 
     def echo(self, fit: ModelFit, name: str) -> bool:
         """True if most of the power of a pulsation of the fit is at harmonics, up to the tenth, of a motion
-        that repeats, most of the time. False where the motion does not repeat.
+        that repeats; of one whose rate varies, most of the time. False where the motion does not repeat.
         """
         period_s, rates = self._motion_period_s, np.array(fit.model[name])
         if period_s is None:
@@ -270,7 +271,7 @@ class Refiner:
         return best if best.score < lowest.score + 1.0 else lowest
 
     def _refine_alone(self, fit: ModelFit, name: str, wide: bool) -> ModelFit:
-        """Refines the one shape of a cause by a bounded search; the best feasible fit, or the one given."""
+        """Refines the one shape of a cause by a bounded search; returns the best feasible fit or `fit`."""
         low, high, logarithmic = self._bracket(CANDIDATES[name], fit.model[name][0], wide)
         best = fit
 
@@ -290,7 +291,7 @@ class Refiner:
 
     def _refine_course(self, fit: ModelFit, name: str) -> ModelFit:
         """Refines the course of a rhythm's rate by Gauss-Newton steps on coefficients and course, damped by
-        what is known of rates.
+        what is known of rates; returns the best feasible fit, or the one given.
         """
         for _ in range(_STEPS):
             design, shape = self.regression.design(fit.model), np.array(fit.model[name])
@@ -404,7 +405,7 @@ class Search(Refiner):
         return self._symmetric(best)
 
     def _sound(self, fit: ModelFit) -> ModelFit:
-        """Drops causes, the least needed first, until none has to be something that it can not be."""
+        """Drops causes until the fit is feasible, the least needed first of those that make it so."""
         while not fit.feasible and fit.model:
             fit = min(
                 (self.without(fit, name) for name in fit.model), key=lambda t: (not t.feasible, t.score)
@@ -425,9 +426,9 @@ class Search(Refiner):
         return self._backward(offset) or offset
 
     def run_from_several(self, enough_n: float | None) -> ModelFit:
-        """Best of several runs: from nothing, and from other first causes with one more added; from three of
-        these, or from one where less than `enough_n` in N is left. Where `look` explains clearly more, those
-        of its family come first.
+        """Best of several runs: from nothing, alone where that finds nothing; and from other first causes
+        with one more added, three of these, or one where less than `enough_n` in N is left. Where `look`
+        explains clearly more, those of its family come first.
 
         Steps one at a time can walk past a pair of causes whose mixture looks like a third.
         """
@@ -466,15 +467,15 @@ class Search(Refiner):
         self, fit: ModelFit, names: Iterable[str], most: int | None = None, near: float = np.inf
     ) -> list[ModelFit]:
         """Fits with one more cause, each at its best shape of `_shapes`, not refined, the best first: `most`
-        of those with a score up to `near` that hide no cause. Branch and bound: only shapes are fitted that
-        can be among them.
+        of those with a score up to `near`, without causes that explain too little. Branch and bound: only
+        shapes are fitted that can be among them.
         """
         scans: list[ModelFit] = []
         shapes = {name: self._shapes(fit, name) for name in names}
         bounds = self.regression.lowest_scores(fit.model, shapes)
         for name in sorted(shapes, key=lambda name: float(np.min(bounds[name], initial=np.inf))):
             scan = self._scan(fit, name, shapes[name], bounds[name], near)
-            if scan is not None and not self._hides(scan, fit):
+            if scan is not None and not self._explains_too_little(scan, fit):
                 scans = sorted([*scans, scan], key=lambda scan: scan.score)[:most]
             if len(scans) == most:
                 near = min(near, scans[-1].score)
@@ -542,7 +543,7 @@ class Search(Refiner):
         return best if best.feasible and self.worth(best, fit) else None
 
     def _worth_trying(self, fit: ModelFit, rest: ModelFit | None = None) -> list[str]:
-        """Names to try; costly ones only if `fit` leaves more than noise, and as only cause beside `rest`."""
+        """Names to try; costly ones if `fit` leaves more than noise and `rest` (or `fit`) has no cause."""
         alone = not set((rest or fit).model) - {"bias"}
         much = alone and self._leaves_more_than_noise(fit)
         return [name for name in self.names if much or not CANDIDATES[name].costly]
@@ -558,8 +559,8 @@ class Search(Refiner):
         return not full and kin(name) not in map(kin, fit.model)
 
     def worth(self, more: ModelFit, less: ModelFit) -> bool:
-        """True if the larger model's score is better by enough, and the residual's rms, whitened or plain,
-        falls by enough; how much the one cause more says, or defaults for several.
+        """True if the larger model's score is better, and the residual's rms, whitened or plain, smaller by
+        enough: by as much as the one cause more asks for, or defaults for several.
         """
         names = set(more.model) - set(less.model)
         new = CANDIDATES[names.pop()] if len(names) == 1 else None
@@ -568,7 +569,7 @@ class Search(Refiner):
         ratio = _PRACTICAL if new is None else new.least_ratio
         return less.rss > more.rss * ratio**2 or self.plain_rms(less) > self.plain_rms(more) * ratio
 
-    def _hides(self, more: ModelFit, less: ModelFit) -> bool:
+    def _explains_too_little(self, more: ModelFit, less: ModelFit) -> bool:
         """True if the one cause more has to explain much and does not: it would hide one that is worth it."""
         (name,) = set(more.model) - set(less.model)
         return CANDIDATES[name].least_ratio >= _MUCH and not self.worth(more, less)
@@ -578,7 +579,7 @@ class Search(Refiner):
         return float(np.sqrt(np.mean(self.regression.residual(fit)[self.regression.rows] ** 2)))
 
     def _backward(self, fit: ModelFit) -> ModelFit | None:
-        """The model without its least useful cause, when that is not worth its place."""
+        """Best feasible fit without one of the causes that are not worth their place; None without such."""
         smaller = [self.without(fit, name) for name in fit.model]
         smaller = [trial for trial in smaller if trial.feasible and not self.worth(fit, trial)]
         return min(smaller, key=lambda trial: trial.score) if smaller else None
@@ -611,7 +612,7 @@ class Search(Refiner):
                 # what a rhythm leaves is learned as noise, beside which its harmonic may look the better one
                 if isinstance(CANDIDATES[new], Rhythm) and self.plain_rms(better) > self.plain_rms(fit):
                     continue
-                sound = better.feasible and not self._hides(better, rest)
+                sound = better.feasible and not self._explains_too_little(better, rest)
                 if sound and better.score < (best or fit).score - least:
                     best = better
         return best

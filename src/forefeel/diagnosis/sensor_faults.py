@@ -47,7 +47,8 @@ class Cleaned:
 def clean(recording: Recording, known: Sequence[Cause] = ()) -> Cleaned:
     """Finds saturation, quantisation, spikes and mains hum, and takes the last two out of a copy of the
     force. `recording`: has to have a force; it stays as it is. `known`: causes of another recording of the
-    same sensor: with spikes any are some, and at the limit of its saturation all is clipped.
+    same sensor: if spikes are among them a single spike counts, and what is near a saturation's limit is
+    clipped.
     """
     assert recording.force_n is not None
     force = np.array(recording.force_n)
@@ -218,8 +219,8 @@ Ends = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 def _spikes(cleaned: Cleaned, recording: Recording, step_n: float | None, known: bool) -> None:
     """Replaces spikes in `cleaned.force_n` by the running median, marks them in `cleaned.spikes`, adds the
-    fault. Does nothing where certain ones are none or above 2 % of the samples, nor, unless they are `known`,
-    where they are below four or come mostly at rest or at certain times after reversals.
+    fault. Does nothing if no spike, or over 2 % of the samples, are certain; unless `known` also if fewer
+    than four are, or they come mostly at rest or at certain times after reversals.
 
     `step_n`: of a comb of levels, if there is one: its flips are no spikes.
     """
@@ -318,7 +319,7 @@ def _isolated(force: Floats, off: Floats, runs: Ends, widest: int) -> Ends:
 
 
 def _cores(off: Floats, starts: NDArray[np.int64], stops: NDArray[np.int64]) -> Ends:
-    """Runs without their flanks: a spike bends the median beside it."""
+    """Runs narrowed to what is above 0.3 of their peak: a spike bends the median beside it."""
     first, last = starts.copy(), stops.copy()
     for i, (start, stop) in enumerate(zip(starts, stops, strict=True)):
         size = np.abs(off[start:stop])

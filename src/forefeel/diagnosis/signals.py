@@ -126,7 +126,7 @@ class Signals:
     def of_motion(
         cls, time_s: Floats, position_m: Floats, cutoff_hz: float, further: tuple[Column, ...] = ()
     ) -> "Signals | None":
-        """Conditions a motion without a force; None where it is too short."""
+        """Conditions a motion, with a force of zeros; None where it is too short."""
         none_n, nowhere = np.zeros_like(time_s), np.zeros(len(time_s), dtype=np.bool_)
         try:
             motion = Recording("", time_s, position_m, none_n, "", further=further)
@@ -136,7 +136,7 @@ class Signals:
 
     @property
     def decimated(self) -> bool:
-        """True if the fine grid is coarser than the samples."""
+        """True if the fine grid of any piece is coarser than the samples."""
         return any(p.span_s / p.fine > 1.3 * p.period_s for p in self.pieces)
 
     @property
@@ -196,7 +196,7 @@ class Signals:
         return np.asarray(cut)
 
     def _motion(self, grid: SignalPiece, x_spec: Spectrum) -> tuple[Floats, ...]:
-        """Time, position, speed and acceleration on the fine grid; the acceleration in a narrower band."""
+        """Time, position, speed on the fine grid up to twice the cutoff; acceleration up to 1.2 times."""
         bins = min(grid.fine // 2 + 1, len(x_spec))
         frequency = np.asarray(np.arange(bins) / grid.span_s, dtype=np.float64)
         wide = response(frequency, 2.0 * self.cutoff_hz)
@@ -259,7 +259,9 @@ def _even_fast_length(least: int) -> int:
 def _uniform(
     time_s: Floats, grid: SignalPiece, x: Floats, f: Floats, bad: Mask
 ) -> tuple[Floats, Floats, Mask]:
-    """Resamples onto an even grid; even stamps, up to their rounding, are taken as they are."""
+    """Resamples position, force and mask onto the piece's even grid; returns them as they are where the
+    stamps are even up to their rounding.
+    """
     even = np.asarray(grid.start_s + np.arange(grid.samples) * grid.period_s, dtype=np.float64)
     if len(even) == len(time_s) and np.max(np.abs(even - time_s)) < 0.05 * grid.period_s:
         return x, f, bad
@@ -289,20 +291,16 @@ def _padded(values: Floats, length: int) -> Floats:
 
 
 def _step_m(x: Floats) -> float:
-    """Step of the encoder; of a position without steps next to nothing."""
+    """Step of the encoder; of a position without steps next to nothing, 0 of a constant one."""
     gaps = np.diff(np.unique(x))
     gaps = gaps[gaps > 1e-9 * np.ptp(x)]
     return float(np.quantile(gaps, 0.05)) if len(gaps) else 0.0
 
 
 def _above_noise(x: Floats, x_spec: Spectrum, step_m: float, grid: SignalPiece) -> Floats:
-    """Gain: one up to where the position's spectrum sinks into the encoder's noise, zero beyond, so that no
-    noise is derived.
-
-    The noise is the level at the end of the spectrum when it is flat there; one everywhere when it still
-    falls. At a constant speed the encoder's steps are lines in it, which hold no more than step^2 / 12 in
-    all. A gradual (Wiener's) gain would shrink the motion, and with it bias the mass; it falls beyond the
-    motion, within 0.3 of its reach, for a steeper one would ring.
+    """Gain by frequency of `x_spec`: one up to where the position's spectrum sinks into the encoder's noise,
+    falling to zero within 0.3 of that, so that no noise is derived; one everywhere where the spectrum still
+    falls at its end.
     """
     frequency, power = _spectrum(x, 1.0 / grid.period_s)
     for low, middle, high in _ENDS:
@@ -311,6 +309,7 @@ def _above_noise(x: Floats, x_spec: Spectrum, step_m: float, grid: SignalPiece) 
             break
     else:
         return np.ones(len(x_spec))
+    # at a constant speed the encoder's steps are lines, which hold no more than step^2 / 12 in all
     above = median_filter(power, 7, mode="nearest") > 3.0 * top
     edges = np.flatnonzero(np.diff(above, prepend=False, append=False))
     first, behind = edges[::2], edges[1::2]
@@ -321,14 +320,16 @@ def _above_noise(x: Floats, x_spec: Spectrum, step_m: float, grid: SignalPiece) 
     power = np.maximum(power, _power_beyond(frequency[last], x_spec, grid, len(power)))
     beyond = median_filter(power, 7, mode="nearest")[last:] > 10.0 * top
     last += len(beyond) - 1 if beyond.all() else max(int(np.argmin(beyond)) - 1, 0)
+    # a gradual (Wiener's) gain would shrink the motion, and with it bias the mass; a steeper one would ring
     depth = np.clip((np.arange(len(x_spec)) / grid.span_s / frequency[last] - 1.0) / _FALL, 0.0, 1.0)
     return np.asarray(0.5 * (1.0 + np.cos(np.pi * depth)))
 
 
 def _power_beyond(from_hz: float, x_spec: Spectrum, grid: SignalPiece, bins: int) -> Floats:
-    """Power of the position above a frequency over all of the piece, faded only over rows that do not count;
-    without slow motion nothing leaks. At `bins` frequencies, each the mean of what is around it.
+    """Power density of the position above `from_hz`, over all of the piece and faded only at rows that do not
+    count, at `bins` frequencies up to the Nyquist frequency, each the mean of what is around it.
     """
+    # without slow motion nothing leaks
     fast = irfft(np.where(np.arange(len(x_spec)) > from_hz * grid.span_s, x_spec, 0.0), grid.padded)
     t = np.arange(grid.samples) * grid.period_s
     fade = np.sin(0.5 * np.pi * np.clip(np.minimum(t, t[::-1]) / grid.edge_s, 0.0, 1.0)) ** 2

@@ -291,8 +291,8 @@ class Hold:
 
 
 def find_hold(recording: Recording) -> Hold | None:
-    """Ramps and holds that a recording is, thinned to 20,000 samples; None unless over 70 % of the samples
-    are holds, with at most two strokes more than holds.
+    """Ramps and holds of a recording, thinned to 20,000 samples, with the hold behind the largest ramp
+    marked; None unless over 70 % of the samples are holds, with at most two strokes more than holds.
     """
     assert recording.force_n is not None
     every = slice(None, None, 1 + len(recording) // _MOST_SAMPLES)
@@ -309,7 +309,7 @@ def find_hold(recording: Recording) -> Hold | None:
 
 
 def _still(x: Floats) -> list[slice]:
-    """Runs, in turn, of a tenth of the samples or more within 3 % of the range from their level."""
+    """Stretches, in turn, of a tenth of the samples or more within 3 % of the range about a level."""
     left, runs, reach_m = np.ones(len(x), dtype=np.bool_), list[slice](), _STILL * float(np.ptp(x))
     while left.any():
         count, ends_m = np.histogram(x[left], np.arange(x.min(), x.max() + 1.5 * reach_m, reach_m))
@@ -325,9 +325,9 @@ def _still(x: Floats) -> list[slice]:
 
 
 def diagnosed_hold(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
-    """Diagnosis and analysis of ramps and holds: `cause_found`, relaxation of one or two branches, or
-    `nothing_found` beside a spring and one hold. None where the recording is something else, or several holds
-    without relaxation.
+    """Diagnosis and analysis of ramps and holds: `cause_found`, relaxation of one or two branches, or for a
+    single hold without relaxation `nothing_found`. None where the recording is something else, or several
+    holds without relaxation.
 
     Raises:
         RecordingError: too few samples in a row.
@@ -358,7 +358,9 @@ def _known(fit: Separable, sense: float) -> bool:
 
 
 def _coefficients(fit: Separable) -> tuple[Model, list[float]]:
-    """Model, and its mass, damping, stiffness, bias and each branch with nothing of an earlier stroke."""
+    """Model of a fit, and the coefficients in turn: mass, damping, stiffness, bias, of each branch stiffness
+    and 0 for what an earlier stroke left.
+    """
     shape = tuple(map(float, np.exp(fit.log_shape)))
     name = "stress_relaxation:two" if len(shape) == 2 else StressRelaxation.name
     branches = [value for size in fit.theta[2:] for value in (size, 0.0)]
@@ -392,7 +394,7 @@ def _model_error(fit: Separable, errors: Floats, hold: Hold, sense: float) -> Mo
 
 
 def _left_of_held_out(table: Floats, fading: Floats) -> float:
-    """Share of the variance of every second bin that a fit to the others leaves; the start is free."""
+    """Share of the variance of every second bin that a non-negative fit to the other bins leaves."""
     columns = np.column_stack([np.ones(len(table)), -np.ones(len(table)), table])
     theta, _ = nnls(columns[::2], fading[::2])
     rest = fading[1::2]

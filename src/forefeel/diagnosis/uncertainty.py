@@ -24,7 +24,7 @@ _SEEN = 0.2
 
 
 def block_numbers(regression: RecordingRegression) -> NDArray[np.int64]:
-    """Block number of each row that counts: its recording of several, else one of 4 to 16 of equal size."""
+    """Block of each row that counts: its recording of several joined, else one of 4 to 16 equal ones."""
     t = regression.signals.t[regression.rows]
     if regression.parts_s:
         return np.asarray(np.searchsorted(regression.parts_s, t))
@@ -127,8 +127,7 @@ def intervals(
 
     Coefficients and shapes are drawn from the Gauss-Newton covariance `s^2 (J' J)^-1` on whitened data, J
     with the derivatives by the shapes; percentiles of the named parameters follow (propagation by draws). How
-    far a value moves when the same model is fitted `elsewhere`, in another band, is added in square: what the
-    choice of the band does is no less a doubt than the noise.
+    far a value moves when the same model is fitted `elsewhere`, in another band, is added in square.
     """
     covariance = covariance_of(regression, fit)
     theta = _point(fit)

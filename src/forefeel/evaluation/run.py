@@ -78,9 +78,9 @@ def _read(
     links: Sequence[DelayedLink],
     model: ContactModel | None,
 ) -> tuple[dict[str, tuple[Prepared, Prepared]], dict[str, str]]:
-    """Loads the recordings and prepares them for the most usual and for the longest of the links; one that is
-    too short for that is skipped. Returns both of each, and the reasons for those that were skipped, by the
-    file's stem. Where nothing is left it prints the reasons but the last, which it raises.
+    """Loads the recordings and prepares them for the most usual and for the longest of the links; one that
+    can not be used over both is skipped. Returns by the file's stem (usual, longest) of each, and the reasons
+    for those that were skipped. Where nothing is left it prints the reasons but the last, which it raises.
 
     Raises:
         InputError: two files of one stem, a column that is malformed, or nothing left.
@@ -111,9 +111,7 @@ def _read(
 def _evaluate(
     prepared: dict[str, tuple[Prepared, Prepared]], model: ContactModel | None, links: Sequence[DelayedLink]
 ) -> dict[str, Evaluated]:
-    """Evaluates each recording by every method, with a bar on the terminal; returns the results by the file's
-    stem.
-    """
+    """Evaluates each recording by every method, with a bar on the terminal; results by the file's stem."""
     number = count()
     with bar(len(prepared) * len(links) * len(METHODS)) as show:
 

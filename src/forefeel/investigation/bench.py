@@ -51,6 +51,9 @@ class ForceLimitWatch:
         self._since_ns: int | None = None
 
     def take(self, sample: ForceSample) -> None:
+        """Sets `met`, once: at a force over the limit, or one over 80 % of it that has held the slave back
+        (`force_limited`) for 0.5 s; then to the time at which that began.
+        """
         size_n, time_s = abs(sample.force_n), sample.recording_time_s or 0.0
         if not (sample.force_limited and size_n > _NEAR * self._limit_n):
             self._since_ns = None
@@ -87,6 +90,10 @@ class SimulatedBench:
         return self._run(_playing(motion, out, self.limits), None, out)
 
     def _run(self, handle: dict[str, object], duration_s: float | None, out: Path) -> ForceLimitMet | None:
+        """Runs slave and master in virtual time and records them as `out`: for `duration_s`, or where that is
+        None until the motion ends or the force limit is met. Returns the force limit that was met, or None.
+        RunError: the slave stopped, or the motion did not end; `out` holds what was made until then.
+        """
         slave, axis = _of_axis(self._settings, self._axis.name)
         master = {"name": axis["name"], "limits": axis["limits"], "handle": handle}
         plan = Plan(
@@ -101,6 +108,7 @@ class SimulatedBench:
         watched, ended = 0, ""
 
         def look(_done_s: float) -> None:
+            """Watches new messages; ends the run if the slave stops, or a motion meets the force limit."""
             nonlocal watched, ended
             for _, message, _ in loop.messages[watched:]:
                 if isinstance(message, ForceSample):
@@ -129,7 +137,7 @@ class LiveBench:
         self.limits, self._insecure = _limits_of(self._axis), insecure
 
     def ask(self, yes: bool) -> None:
-        """Asks whether it may move. RunError: not confirmed."""
+        """Asks for consent to move the stage, unless `yes`. RunError: it was not given."""
         of = self.limits
         bounds = (
             f"{quantity(of.low_m, 'm')} to {quantity(of.high_m, 'm')}, up to {quantity(of.speed_m_s, 'm/s')}"
@@ -228,7 +236,7 @@ def _limits_of(axis: AxisSettings) -> Limits:
 
 
 def _playing(motion: Recording, out: Path, limits: Limits) -> dict[str, object]:
-    """Settings of a handle that plays a motion, which is written beside `out`."""
+    """Writes a motion as CSV beside `out`; returns settings of a handle that plays it."""
     file = out.with_suffix(".csv")
     write_whole(file, motion_text(motion), "the motion")
     approach_m_s = min(_APPROACH_M_S, 0.5 * limits.speed_m_s)

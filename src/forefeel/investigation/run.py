@@ -48,8 +48,8 @@ class InvestigationOptions:
 
 
 def run_investigation(files: Sequence[Path], out: Path | None, options: InvestigationOptions) -> None:
-    """Asks for the motion to record next, or judges the answer that came back; prints it, and writes it into
-    `out`, by default a folder named after the first recording. `files`: the question, and its answer.
+    """Makes the motion to record next, or where `files` hold an answer, too, judges that; prints the result,
+    and writes it into `out`, by default a folder named after the first recording.
 
     Raises:
         InputError: a recording can not be used, or more than two; nothing was written.
@@ -78,8 +78,8 @@ def run_investigation(files: Sequence[Path], out: Path | None, options: Investig
 def run_on_bench(
     bench: "SimulatedBench | LiveBench", question: Path | None, out: Path, options: InvestigationOptions
 ) -> None:
-    """Records the question where there is none, plays the motion, and judges what came back; a live bench is
-    asked for before it moves.
+    """Records the question where there is none, plays the motion, after a met force limit what is left of it,
+    and judges what came back; prints and writes it into `out`. A live bench asks for consent first.
 
     Raises:
         InputError: limits beyond those of the settings, or a recording that can not be used.
@@ -99,6 +99,7 @@ def run_on_bench(
         parts: list[Recording] = []
 
         def play(motion: Recording, _limits: Limits) -> ForceLimitMet | None:
+            """Plays and records one part of the answer, reads it into `parts`, says where it ended early."""
             name = f"answer-{len(parts) + 1}.mcap"
             say(f"playing {motion.duration_s:.0f} s: {name}")
             met = bench.play(motion, out / name)

@@ -153,7 +153,7 @@ def thin(x: Floats, gap: float, *columns: Floats) -> Floats:
 def binned(
     x: Floats, y: Floats, bins: int = 28, of: Callable[[Floats], Any] = np.mean
 ) -> tuple[Floats, Floats]:
-    """Means of x and y in bins along x; `of` np.median: of a curve with a few points beside it."""
+    """Means of x and y in up to `bins` bins along x; `of`: in place of the mean, such as np.median."""
     parts = _binned(x, bins)
     return np.array([of(x[part]) for part in parts]), np.array([of(y[part]) for part in parts])
 
@@ -172,6 +172,7 @@ def _binned(x: Floats, bins: int) -> list[NDArray[np.intp]]:
 
 
 def _ends(trace: Floats, trim: float) -> tuple[float, float] | None:
+    """Quantiles `trim` and 1 - `trim` of the finite values; None without any."""
     known = trace[np.isfinite(trace)]
     if not len(known):
         return None
@@ -180,7 +181,7 @@ def _ends(trace: Floats, trim: float) -> tuple[float, float] | None:
 
 
 def _rounded(of: Layer, x_places: int | None) -> Layer:
-    """The panel with lists for arrays; what is far beyond its limits lies just out of the picture."""
+    """Copy of a panel with lists for arrays; values over a span beyond its limits are clipped."""
     y, made = of.get("y", {}), dict(of)
     for kind in _LAYERS:
         if kind in of:

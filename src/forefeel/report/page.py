@@ -109,7 +109,7 @@ def run_report(recording: Path, out: Path | None, overwrite: bool) -> None:
 
 
 def make_pages(run: Run) -> tuple[RunReport, Mapping[str, str]]:
-    """The report of a run, and the text of each of `FILES`.
+    """Makes the report of a run, and the texts of `FILES` by their names; writes nothing.
 
     Raises:
         RecordingError: a message in the run is not what its topic carries.
@@ -120,9 +120,7 @@ def make_pages(run: Run) -> tuple[RunReport, Mapping[str, str]]:
 
 
 def render_page(report: RunReport, run: Run) -> str:
-    """HTML of the report: its texts, and of each axis the figures of vessel, force and parameters, from its
-    traces.
-    """
+    """HTML of the report: its texts, and of each axis figures of vessel, force and parameters."""
     traces = {axis: axis_traces(run, axis) for axis in run.axes}
     return render(
         "report/page.html.j2",
@@ -229,9 +227,7 @@ def _along_time(traces: AxisTraces, panels: list[Layer]) -> Layer:
 
 
 def _spans(traces: AxisTraces) -> list[Layer]:
-    """Spans of the slave's safety state for chart.js, coloured, in s since the start; `silent` where it is
-    unknown.
-    """
+    """Spans of the slave's safety state for chart.js, in s since the start; `silent` where unknown."""
     return [
         {
             "name": of.state or "silent",
@@ -245,9 +241,7 @@ def _spans(traces: AxisTraces) -> list[Layer]:
 
 
 def parameters(traces: AxisTraces) -> Figure | None:
-    """Figure of the identified parameters along time, a canvas for each of the first 24; None where there are
-    none.
-    """
+    """Figure of the identified parameters along time, a canvas for each of 24 at most; None without any."""
     known = traces.parameters
     if known is None:
         return None

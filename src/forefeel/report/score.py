@@ -43,7 +43,8 @@ def first_answers(
     answered: tuple[NDArray[Any], NDArray[Any]],
     answer_stamp_ns: NDArray[Any],
 ) -> Indices:
-    """Index, for each command, of the force that answers it first by the slave's stamps; -1: none does.
+    """Index, for each command, of the force that answers it first by the slave's stamps; -1: none does. A
+    force answers the newest command up to the motion that it names.
 
     Args:
         commands: (session ids, stamps in ns) of n commands, in any order.
@@ -93,7 +94,7 @@ def stretches(answers_sequence: Floats, stamp_ns: NDArray[Any]) -> Indices:
 
 
 def of_one_stretch(stretch: Indices) -> NDArray[np.bool_]:
-    """Marks commands sent within a stretch: the nearest that is known before and after is the same.
+    """Mask of the commands that were executed, or lie between two executed ones of the same stretch.
 
     Args:
         stretch: in which each command was executed, in the order of sending; -1: it was not executed.

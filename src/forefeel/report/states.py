@@ -36,6 +36,7 @@ def spans(reports: Iterable[tuple[int, SafetyState]], end_ns: int, stale_ns: int
 
 
 def _append(joined: list[Span], span: Span) -> None:
+    """Appends a span, joined with the last where that has the same state; ignores an empty one."""
     if span.end_ns <= span.start_ns:
         return
     if joined and joined[-1].state is span.state:
@@ -46,17 +47,17 @@ def _append(joined: list[Span], span: Span) -> None:
 def session_end_ns(
     transitions: Sequence[tuple[int, SafetyEvent]], wanted_ns: int | None, heard_ns: int
 ) -> int:
-    """End of the last session; the slave could not have been armed after that.
+    """Time in ns at which the last session ended; the slave could not have been armed after that.
 
-    A master that lets go by its own choice ends the session at `wanted_ns`, the last time that it wanted the
-    slave to follow. It was its own choice when the slave stopped by a release and nothing else happened to
-    the slave while the master was there. After any other stop the master wants the session back until
-    `heard_ns`, when it was heard last.
+    It is `wanted_ns` where the master let go by its own choice: the slave left the motion by a release, and
+    nothing but its rest happened to it until `heard_ns`. Else it is `heard_ns`: after another stop the master
+    wants the session back.
 
     Args:
         transitions: of the slave's safety state, with their times, in order.
-        wanted_ns: None when the master never held the deadman.
-        heard_ns: see above.
+        wanted_ns: the last time that the master wanted the slave to follow; None when it never held the
+            deadman.
+        heard_ns: when the master was heard last.
     """
     exits = [i for i, (_, t) in enumerate(transitions) if t.before in FOLLOWING and t.after not in FOLLOWING]
     if not exits or wanted_ns is None:
@@ -67,15 +68,15 @@ def session_end_ns(
 
 
 def armed_share(states: list[Span], end_ns: int, clutched_s: float) -> float | None:
-    """Time armed over the time that could have been: from the first arming to `end_ns`, less `clutched_s`.
-
-    Who has not armed START_S after the session was opened could have. None when never armed until `end_ns`.
+    """Time armed over the time that could have been, until `end_ns`: from the first arming, or from START_S
+    after the session was opened if that is earlier, less `clutched_s`. None when never armed, or without such
+    a time.
 
     Args:
         states: spans of the slave's safety state.
         end_ns: when the last session ended.
-        clutched_s: time until then that the operator chose to spend with the clutch open. The master sees
-            the slave's state late, so a few ms of it may count as armed too; the share is at most 1.
+        clutched_s: time until then that the operator chose to spend with the clutch open. The master sees the
+            slave's state late, so a few ms of it may count as armed too; the share is at most 1.
     """
     armed = [span for span in states if span.state is SafetyState.ARMED and span.start_ns < end_ns]
     if not armed:

@@ -71,7 +71,7 @@ def summarise(run: Run) -> RunReport:
         "truncated": run.truncated,
         "seed": of_run.get("seed"),
         "impairment": of_run.get("impairment"),
-        "loop": Loops(master=_loop(run, MASTER_TIMING), slave=_loop(run, SLAVE_TIMING)),
+        "loop": Loops(master=_loop_figures(run, MASTER_TIMING), slave=_loop_figures(run, SLAVE_TIMING)),
         "counters": first.counters | impairment_counters(run) | recorder_counters(run),
         "metadata": metadata,
         "axes": axes,
@@ -79,8 +79,8 @@ def summarise(run: Run) -> RunReport:
     return RunReport(**fields)
 
 
-def _loop(run: Run, topic: Topic[LoopTiming]) -> LoopFigures:
-    """Lateness of a loop as published last, on the first axis that has it."""
+def _loop_figures(run: Run, topic: Topic[LoopTiming]) -> LoopFigures:
+    """Lateness of a loop as published last, on the first axis that has it; empty where none has."""
     timings = (last(run.messages(axis, topic)) for axis in run.axes)
     timing = next(filter(None, timings), None)
     return LoopFigures() if timing is None else LoopFigures.model_validate(timing, from_attributes=True)
@@ -103,7 +103,7 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
         zoh=overall.zoh,
         ratio=overall.ratio,
         settled=settled,
-        predictor=_predictor(run, axis, traces.commands),
+        predictor=_predictor_figures(run, axis, traces.commands),
         hand_energy_j=energy_j[-1] if energy_j else None,
         hand_lowest_energy_j=min(energy_j, default=None),
         delay_s=spread(traces.delay_s),
@@ -112,7 +112,7 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
             traces.states, traces.session_end_ns, _clutched_s(run, axis, traces.session_end_ns)
         ),
         stops=slave.stops if slave else None,
-        **_model(run, axis),
+        **_model_fields(run, axis),
         counters=axis_counters(run, axis),
         safety_events=events,
         settings=handshake.settings if handshake else "",
@@ -137,9 +137,9 @@ def _compare(commands: CommandTraces) -> tuple[PredictionComparison, PredictionC
     return compare(*forces), compare(*(force[late] for force in forces))
 
 
-def _predictor(run: Run, axis: str, commands: CommandTraces) -> PredictorFigures:
-    """Coverage and mean width of the band over the commands with band and force, and shares of the leading
-    experts; all empty where no force meets a band.
+def _predictor_figures(run: Run, axis: str, commands: CommandTraces) -> PredictorFigures:
+    """Coverage and mean width of the band, over the commands with band and force; shares of the leading
+    experts, over all haptic samples that name one. All empty where no command has band and force.
     """
     leading = Counter(message.leading for message in run.messages(axis, HAPTICS) if message.leading)
     rows = np.isfinite(commands.low_n) & np.isfinite(commands.high_n) & np.isfinite(commands.force_n)
@@ -194,7 +194,7 @@ def _silent_master(run: Run, axis: str, traces: AxisTraces) -> tuple[str, ...]:
     )
 
 
-def _model(run: Run, axis: str) -> dict[str, Any]:
+def _model_fields(run: Run, axis: str) -> dict[str, Any]:
     """Fields of AxisReport from the newest parameters; none where nothing was published."""
     message = last(run.messages(axis, PARAMETERS))
     if message is None:

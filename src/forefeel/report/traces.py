@@ -160,9 +160,7 @@ def _commands(run: Run, axis: str, start_ns: int) -> CommandTraces:
 
 
 def _answers(run: Run, axis: str, counted: Flags) -> NDArray[np.int64]:
-    """Row, for each command, of the force that answers it first, among those marked in `counted`; -1: none
-    does.
-    """
+    """Row, for each command, of the force marked in `counted` that answers it first; -1: none does."""
     answered_ns = _floats(run, axis, FORCE, "answers_stamp_ns")
     rows = np.flatnonzero(counted & ~np.isnan(answered_ns))
     index = first_answers(
@@ -174,6 +172,7 @@ def _answers(run: Run, axis: str, counted: Flags) -> NDArray[np.int64]:
 
 
 def _delays(run: Run, axis: str) -> Floats:
+    """Round trips in s, one for each newly answered command: that of the first sample that names it."""
     session_id, answered = (run.column(axis, HAPTICS, name) for name in ("session_id", "answered_sequence"))
     delay_s = _floats(run, axis, HAPTICS, "delay_s")
     rows = np.flatnonzero(np.isfinite(delay_s) & ~np.isnan(answered))
@@ -182,6 +181,7 @@ def _delays(run: Run, axis: str) -> Floats:
 
 
 def _states(run: Run, axis: str, end_ns: int) -> list[Span]:
+    """Spans of the slave's safety state up to `end_ns`; None where its reports are stale."""
     stale_s = SLAVE_STATE.stale_after_s
     assert stale_s is not None
     states = (message.state for message in run.messages(axis, SLAVE_STATE))
@@ -190,8 +190,9 @@ def _states(run: Run, axis: str, end_ns: int) -> list[Span]:
 
 
 def _session_end_ns(run: Run, axis: str, end_ns: int) -> int:
-    """End of the last session in ns, on the recorder's clock; `end_ns` where no master was recorded. A failed
-    handle counts like a held deadman.
+    """End of the last session in ns, see `session_end_ns`: by the safety events, the last report of the
+    master with a held deadman (or a failed handle), and its last report. `end_ns` where no master was
+    recorded.
     """
     reports = [*zip(sent_ns(run, axis, MASTER_STATE).tolist(), run.messages(axis, MASTER_STATE), strict=True)]
     if not reports:

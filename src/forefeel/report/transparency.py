@@ -102,8 +102,8 @@ def transparency(felt_n: Floats, held_n: Floats, true_n: Floats) -> Transparency
 
 
 def against_twin(run: Run, axis: str, commands: CommandTraces) -> Transparency | None:
-    """Transparency of one axis by the twin; None where no simulated world of this axis was recorded, or no
-    command was followed.
+    """Transparency of one axis by the twin; None where its simulated world was not recorded, or no command
+    was followed.
     """
     try:
         settings = SlaveAxisSettings.model_validate_json(run.metadata.get("run", {})["slave_axis"])

@@ -110,6 +110,8 @@ def in_order(counts: Mapping[str, int]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
+    """Texts of a parameter."""
+
     label: str
     value: str
     interval: str
@@ -157,7 +159,9 @@ def scale(unit: str, largest: float) -> tuple[float, str]:
 
 
 def shown(name: str, interval: "Interval") -> Shown:
-    """Value and interval of a parameter with a fitting prefix, in as many digits as the interval supports."""
+    """Texts of a parameter: the end of `name` gives the unit, the size of the value its prefix, the width of
+    the interval the digits.
+    """
     label, plain = split_unit(name)
     largest = interval.value or max(abs(interval.low), abs(interval.high))
     factor, unit = scale(plain, largest)
@@ -168,9 +172,7 @@ def shown(name: str, interval: "Interval") -> Shown:
 
 
 def plain_value(name: str, value: float) -> str:
-    """Text of a parameter without interval, such as `20 g`; its unit is that at the end of `name`, with a
-    prefix.
-    """
+    """Text of a parameter without interval, such as `20 g`; the end of `name` gives the unit."""
     unit = split_unit(name)[1]
     factor, prefixed = scale(unit, value)
     text = _fixed(factor * value, _places(factor * value, 0.0))

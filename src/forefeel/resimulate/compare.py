@@ -78,6 +78,10 @@ def run_resimulation(files: Sequence[Path], require_identical: bool, no_worse: f
 
 
 def _resimulated(run: Run, axis: str) -> Resimulated:
+    """Predicts one axis of a session anew, and scores recorded and new predictions over the commands that
+    have both, a measured force and a late one. RecordingError: it can not be predicted, or no prediction has
+    an error.
+    """
     begun_s = process_time()
     now_n, lost = resimulate(run, axis)
     spent_s = process_time() - begun_s
@@ -124,6 +128,7 @@ def _title(session: Resimulated) -> str:
 
 
 def _table(session: Resimulated) -> Table:
+    """Table of recorded and new predictions, their difference, and the zero-order hold."""
     numbers = "rms", "p95", "worst", "in the 95 % band"
     made = table("", *numbers, right=numbers)
     for name, error, coverage in (

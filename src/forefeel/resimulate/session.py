@@ -86,7 +86,10 @@ class _Session:
         self._sequence = self._number = self._drained = 0
 
     def tick(self, sample: HapticSample, command: MotionCommand | None) -> Estimate | None:
-        """Repeats one tick, and before it the run of the identification whose snapshot it used."""
+        """Predicts one haptic sample anew from what the recorded one knew, after the run of the
+        identification whose snapshot that used. None where its command was not recorded, or opens the
+        gripper, which resets the prediction. Adds messages that are missing to `lost`.
+        """
         taken = [self._forces.get((sample.session_id, sequence)) for sequence in sample.forces]
         self.lost += taken.count(None) + (command is None) + sample.sequence - self._sequence - 1
         self._sequence = sample.sequence

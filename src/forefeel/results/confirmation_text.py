@@ -13,7 +13,9 @@ _CAUTIONS = {
 
 
 def confirmation_lines(replay: Replay) -> list[tuple[str, str]]:
-    """Label and text of each line; no label: it goes on."""
+    """Lines (label, text) on a confirmation: verdict and error, gain by the causes there, cautions; an empty
+    label continues the line before. One line where the diagnosis has no model that could be confirmed.
+    """
     c, diagnosis = replay.confirmation, replay.of
     name = printable(c.recording)
     if not diagnosis.has_a_model:
@@ -38,7 +40,7 @@ def confirmation_lines(replay: Replay) -> list[tuple[str, str]]:
 
 
 def _beside(c: Confirmation, expected: ExpectedGain | None) -> str:
-    """The gain beside the interval of `Elsewhere`; empty where none was expected."""
+    """Text whether the gain is within the one expected elsewhere; empty where none was expected."""
     if expected is None or c.gain is None:
         return ""
     inside = expected.gain_low <= c.gain.gain <= expected.gain_high

@@ -85,7 +85,7 @@ class Curves:
         return cls(analysis, given is not None, signals.t, x, v, signals.force, simulated, extended)
 
 
-def share_of(regression: RecordingRegression, fit: ModelFit, name: str) -> Floats:
+def force_of_cause(regression: RecordingRegression, fit: ModelFit, name: str) -> Floats:
     """Force in N that a cause adds to the model's, other parameters as they are; on the coarse grid."""
     whole = regression.predicted(fit)
     if not isinstance(CANDIDATES[name], Changing):
@@ -114,7 +114,7 @@ def response(regression: RecordingRegression, fit: ModelFit, name: str) -> tuple
     return frequency[rows], (cross / np.maximum(model_power, 1e-300))[rows]
 
 
-def strokes(curves: Curves, least_m: float | None = None) -> tuple[Floats, Floats]:
+def since_reversal(curves: Curves, least_m: float | None = None) -> tuple[Floats, Floats]:
     """Direction (1, -1) and distance in m since the last reversal; a way back of up to `least_m` is no
     reversal, by default a fiftieth of the range.
 
@@ -144,4 +144,5 @@ def density(signals: Signals, values: Floats, longest_s: float = 8.0) -> tuple[F
 
 
 def near(unit: AxisUnit, *values: Floats, zero: bool = True) -> Range | None:
+    """Limits of y for the values in a unit, without extreme ones; None without values."""
     return limits(*(unit(column) for column in values), trim=_TRIM, zero=zero)

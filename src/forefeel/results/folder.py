@@ -52,8 +52,8 @@ class Summary:
 
 def run_folder(task: Task, out: Path, jobs: int, scheduler: str | None, overwrite: bool) -> None:
     """Diagnoses every recording in the folder `task.file`, `jobs` at a time, into `out`/<stem>/; writes
-    summary.json, prints it in words and suggests the next command. Skipped and failed ones are entered there
-    with the reason.
+    summary.json, with the reasons for skipped and failed ones, prints it in words and suggests the next
+    command.
 
     Raises:
         InputError: no recording in the folder, or none that can be diagnosed.
@@ -63,10 +63,10 @@ def run_folder(task: Task, out: Path, jobs: int, scheduler: str | None, overwrit
     summary = Summary()
     with ends_in_order("diagnosis", out) as written:
         fresh_folder(out, (SUMMARY,), EARLIER, overwrite)
-        tasks = [replace(task, file=file) for file in _free(files, out, overwrite, summary)]
+        tasks = [replace(task, file=file) for file in _with_free_folder(files, out, overwrite, summary)]
         with signal_flag() as stop, closing(in_parallel(attempt, tasks, jobs, scheduler, stop.check)) as done:
             for outcome in _with_progress(done, len(tasks), task.file.name):
-                _enter(outcome, out, overwrite, summary, written)
+                _save_outcome(outcome, out, overwrite, summary, written)
         if not summary.diagnosed and not summary.failed:
             raise InputError(list(summary.skipped.values())[-1])
         write_all(out, {SUMMARY: summary.to_json()}, written)
@@ -80,9 +80,9 @@ def run_folder(task: Task, out: Path, jobs: int, scheduler: str | None, overwrit
         suggest("diagnose", *files, "--together", out=out / "together", **task.columns.options())
 
 
-def _free(files: Iterable[Path], out: Path, overwrite: bool, summary: Summary) -> Iterator[Path]:
-    """Yields the files whose results have a place. One of the same stem as an earlier file, or whose folder
-    holds an earlier diagnosis without `overwrite`, is entered in the summary as skipped, and said.
+def _with_free_folder(files: Iterable[Path], out: Path, overwrite: bool, summary: Summary) -> Iterator[Path]:
+    """Yields the files whose folder in `out` is free. One of the same stem as an earlier file, or whose
+    folder holds an earlier diagnosis without `overwrite`, is entered in the summary as skipped, and said.
     """
     taken: dict[str, Path] = {}
     for file in files:
@@ -103,7 +103,9 @@ def _skip(file: Path, reason: str, summary: Summary) -> None:
     say(f"skipped: {reason}")
 
 
-def _enter(outcome: TaskOutcome, out: Path, overwrite: bool, summary: Summary, written: list[str]) -> None:
+def _save_outcome(
+    outcome: TaskOutcome, out: Path, overwrite: bool, summary: Summary, written: list[str]
+) -> None:
     """Writes the results of an outcome into `out`/<stem>/ and enters it in the summary; says what failed or
     was skipped. A folder that can not be used is skipped, too. Adds the folder's name to `written`.
     """
@@ -152,9 +154,7 @@ def _with_progress(outcomes: Iterable[TaskOutcome], total: int, name: str) -> It
 
 
 def _brief(diagnosis: Diagnosis) -> dict[str, object]:
-    """Diagnosis in brief for summary.json: verdict, names of causes and rivals, flags, noise and errors held
-    out.
-    """
+    """Entry of a diagnosis in summary.json: verdict, causes, rivals, flags, noise, errors held out."""
     return {
         "verdict": diagnosis.verdict,
         "causes": [cause.name for cause in diagnosis.causes],

@@ -85,7 +85,7 @@ def motion_text(motion: Recording) -> str:
 
 
 def question_texts(asked: Investigation) -> dict[str, str]:
-    """Texts of the files of a question; without a page where it has no diagnosis."""
+    """Texts of `QUESTION_FILES` by their names; without the page where there is no diagnosis."""
     texts = {MOTION: motion_text(asked.motion), QUESTION: _document(asked, None)}
     if asked.diagnosed is not None:
         with units_of(asked.question.columns):
@@ -96,7 +96,7 @@ def question_texts(asked: Investigation) -> dict[str, str]:
 
 
 def answer_texts(asked: Investigation, answer: Recording, judged: Judged) -> dict[str, str]:
-    """Texts of the files of an answer."""
+    """Texts of `ANSWER_FILES` by their names."""
     diagnosed, recording = judged.diagnosed, judged.diagnosed.recording
     model = model_of(diagnosed)
     with units_of(recording.columns):
@@ -108,6 +108,7 @@ def answer_texts(asked: Investigation, answer: Recording, judged: Judged) -> dic
 
 
 def _confirmed(judged: Judged) -> list[tuple[str, str]]:
+    """Lines on the confirmation, before them one on refused causes; empty without a replay."""
     if judged.replay is None:
         return []
     lines = confirmation_lines(judged.replay)
@@ -122,6 +123,7 @@ def _rival(forecast: Forecast) -> str:
 
 
 def _limits_text(limits: Limits) -> str:
+    """Text of range, speed and acceleration; the force is left out."""
     low, high, speed = (
         quantity(limits.low_m, "m"),
         quantity(limits.high_m, "m"),
@@ -135,6 +137,7 @@ def _motion_words(motion: Recording, limits: Limits) -> str:
 
 
 def _document(asked: Investigation, judged: Judged | None) -> str:
+    """Text of question.json; with `judged` that of answer.json."""
     question = asked.diagnosed
     document: Mapping[str, object] = {
         "schema": _SCHEMA,
@@ -166,7 +169,9 @@ def _began_s(motion: Recording, made: Recording) -> float:
 
 
 def _figures(asked: Investigation, answer: Recording | None) -> list[Figure]:
-    """Figures of the motion asked for and the one made, and of what each rival says of it."""
+    """Figures of the motion asked for, with the one made, and of the force that each rival foretells, with
+    the measured one; the second only with forecasts, what was made only with an answer.
+    """
     motion, foretold = asked.motion, asked.forecasts
     unit = AxisUnit("position", "m", motion.position_m)
     lines = [line("asked", MODEL, motion.time_s, unit(motion.position_m))]

@@ -12,15 +12,14 @@ from forefeel.common.error_size import Floats
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.confirmation import Replay
 from forefeel.diagnosis.diagnose import Diagnosed
-from forefeel.diagnosis.plain_regressions import explained_share
-from forefeel.diagnosis.plain_regressions import strokes as strokes_in_band
+from forefeel.diagnosis.plain_regressions import explained_share, strokes_in_band
 from forefeel.diagnosis.prediction import Across
 from forefeel.diagnosis.verdict import Diagnosis, Look
 from forefeel.report.drawing import AxisUnit, Figure, Layer, binned, cloud, line, loop, panel, spec
 from forefeel.report.template import render
 from forefeel.report.wording import plain_value, shown
 from forefeel.results.confirmation_text import confirmation_lines
-from forefeel.results.curves import LEFT, MODEL, Curves, Rows, near, strokes
+from forefeel.results.curves import LEFT, MODEL, Curves, Rows, near, since_reversal
 from forefeel.results.pictures import HEIGHT_PX, picture, sensor_picture, spectrum, timeline
 from forefeel.results.verdict_text import (
     answer_lines,
@@ -131,9 +130,7 @@ def _worst(curves: Curves, diagnosis: Diagnosis) -> Figure:
 
 
 def _replayed(replay: Replay) -> Figure:
-    """Figure of measured, simulated and extended force in the 5 s of the other recording where the model errs
-    most.
-    """
+    """Figure of the forces in the 5 s of the other recording where the model errs most."""
     start, end = worst_stretch(replay.t, replay.force_n - replay.extended_n)
     rows = (replay.t >= start) & (replay.t <= end)
     parts = [
@@ -166,7 +163,7 @@ def _over_motion(curves: Curves, _: Diagnosis) -> Figure:
     """Figure of the residuals, in three canvases: over position, speed, and distance since reversal with the
     sign of the direction.
     """
-    rows, (direction, since) = curves.rows, strokes(curves)
+    rows, (direction, since) = curves.rows, since_reversal(curves)
     residual, specs = AxisUnit("left", "N", curves.before[curves.rows]), []
     y = near(residual, *(all_n[rows] for _, _, all_n in curves.left))
     columns = (

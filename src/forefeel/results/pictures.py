@@ -17,7 +17,17 @@ from forefeel.diagnosis.regression import alignment
 from forefeel.diagnosis.signals import Mask
 from forefeel.diagnosis.verdict import Cause
 from forefeel.report.drawing import DOTTED, AxisUnit, Figure, Layer, binned, cloud, line, panel, spec
-from forefeel.results.curves import LEFT, MODEL, Curves, Part, density, near, response, share_of, strokes
+from forefeel.results.curves import (
+    LEFT,
+    MODEL,
+    Curves,
+    Part,
+    density,
+    force_of_cause,
+    near,
+    response,
+    since_reversal,
+)
 
 HEIGHT_PX = 280
 Specs = tuple[Layer, ...]
@@ -38,7 +48,7 @@ class Component:
     def __init__(self, curves: Curves, name: str) -> None:
         regression, fit, rows = curves.analysis.regression, curves.analysis.fit, curves.rows
         self.curves, self.name, self.shape = curves, name, fit.model[name]
-        self.cause_n = share_of(regression, fit, name)[rows]
+        self.cause_n = force_of_cause(regression, fit, name)[rows]
         self.left = self.cause_n + curves.after[rows]
         self.x: Part = "position", "m", curves.x[rows]
         self.v: Part = "speed", "m/s", curves.v[rows]
@@ -100,7 +110,7 @@ def _over(x: Part, left: Floats, cause_n: Floats, groups: Mapping[str, Mask] | N
 
 
 def _contact(of: Component) -> Specs:
-    """The spring's force with what is left."""
+    """Canvas over the position of the spring's force, and as points with what the model leaves."""
     regression, fit = of.curves.analysis.regression, of.curves.analysis.fit
     spring_n = (regression.block(fit.model, "", ())[:, 2] * fit.coefficients[2])[of.curves.rows]
     return _over(of.x, spring_n + of.left - of.cause_n, spring_n)
@@ -111,7 +121,7 @@ def _since(of: Component) -> Specs:
     branches lie on each other and positive resists; the furthest distances are left out.
     """
     length = max(of.shape, default=0.0)
-    direction, since = (values[of.curves.rows] for values in strokes(of.curves, _TREMOR * length))
+    direction, since = (values[of.curves.rows] for values in since_reversal(of.curves, _TREMOR * length))
     most = float(np.quantile(since, 0.98)) if len(since) else 0.0
     rows = (direction != 0.0) & (since <= (min(most, 8.0 * length) if of.shape else most))
     resists = of.curves.analysis.regression.sense * direction[rows]
@@ -120,7 +130,7 @@ def _since(of: Component) -> Specs:
 
 
 def _along(of: Component) -> Specs:
-    direction = strokes(of.curves)[0][of.curves.rows]
+    direction = since_reversal(of.curves)[0][of.curves.rows]
     groups = {", inserting": direction > 0.0, ", withdrawing": direction < 0.0}
     return _over(of.x, of.left, of.cause_n, groups)
 
@@ -152,6 +162,7 @@ def _peak(of: Component) -> Specs:
 
 
 def spectrum(curves: Curves, parts: Sequence[Part], *peaks_hz: float) -> Specs:
+    """Canvas of the amplitude densities of `parts` over the frequency, with a rule at each peak."""
     signals = curves.analysis.regression.signals
     lines = [line(name, colour, *density(signals, values)) for name, colour, values in parts]
     rules = [{"colour": "bad", "at": peak_hz} for peak_hz in peaks_hz]

@@ -48,7 +48,7 @@ def run_diagnosis(
         RunError: interrupted, or the results can not be written.
     """
     out = out or folder_named_after(sources[0])
-    first, *beside = _together(sources) if together else sources
+    first, *beside = _all_recordings(sources) if together else sources
     if beside and not together:
         raise ConfigurationError(
             f"{beside[0]}: a second recording; expected --together for one answer to all, or a folder"
@@ -96,8 +96,8 @@ def draw(page: Callable[[], str], name: str, out: Path, written: list[str]) -> N
     say(f"{PAGE} in {out}")
 
 
-def _together(sources: Sequence[Path]) -> list[Path]:
-    """The recordings of all sources, a folder's in its place."""
+def _all_recordings(sources: Sequence[Path]) -> list[Path]:
+    """Files of all sources, a folder's in its place. ConfigurationError: fewer than two."""
     files = [file for path in sources for file in (recordings_in(path) if path.is_dir() else [path])]
     if len(files) < 2:
         raise ConfigurationError(f"--together: {files[0]} alone; expected at least two recordings")

@@ -123,9 +123,7 @@ def model_of(details: Diagnosed) -> ContactModel:
 
 
 def require_usable(recording: Recording, as_is: bool) -> None:
-    """Raises RecordingError where a recording can not be diagnosed, or unless `as_is` its units are not
-    plausible.
-    """
+    """Raises RecordingError: no diagnosis is possible, or (not `as_is`) the units are not plausible."""
     if not as_is and (asked := question(recording)) is not None:
         raise _doubt(recording, asked)
     check(recording)
@@ -172,8 +170,9 @@ def examine(task: Task, tell: Tell = lambda stage: None) -> tuple[Result, Callab
 
 
 def attempt(task: Task) -> TaskOutcome:
-    """Examines a recording and draws its page; an error of this recording alone stands in the outcome:
-    InputError as `skipped`, RunError as `failed`, one of the page as `page_failed` beside the result.
+    """Examines a recording and, with `task.page`, draws its page. Raises no error of the recording, but puts
+    it into the outcome: InputError as `skipped`, RunError as `failed`, one of the page as `page_failed`
+    beside the result.
     """
     try:
         result, page = examine(task)
@@ -244,8 +243,7 @@ def _page(task: Task, diagnosed: Diagnosed, across: "Across | str | None", repla
 
 def _prediction(recording: Recording, model: ContactModel, sense: float) -> "Across | str | None":
     """Errors across a delay; None of a recording too short to be replayed; or why it failed, in one line.
-
-    `sense`: of the force, turned as that of the model is: a positive one resists.
+    `sense`: multiplies the force, so that a positive one resists as that of the model does.
     """
     from forefeel.diagnosis.prediction import across_delay  # noqa: PLC0415 - loads the predictor
 
@@ -259,6 +257,7 @@ def _prediction(recording: Recording, model: ContactModel, sense: float) -> "Acr
 
 
 def _document(diagnosed: Diagnosed, across: "Across | str | None", replay: Replay | None) -> str:
+    """Text of diagnosis.json, with confirmation and prediction; what is not finite is null."""
     document = {
         **diagnosed.diagnosis.to_mapping(),
         "confirmation": None if replay is None else asdict(replay.confirmation),

@@ -63,11 +63,14 @@ _NEEDED_FOR = {
 
 
 def failure(error: Exception) -> str:
-    """An error as one line, for the place of the results that failed."""
+    """Type and text of an error as one line, for the place of the result that failed."""
     return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def headline(diagnosis: Diagnosis) -> str:
+    """Sentence on the verdict: where causes are named these, the bias only if alone; where more is missing
+    also the gain and the rms that is left.
+    """
     if not diagnosis.names_causes:
         known = "" if diagnosis.noise_floor_n is None else " down to its noise"
         return _VERDICT_TEXT[diagnosis.verdict].format(known)
@@ -191,6 +194,9 @@ def _nearest(diagnosis: Diagnosis) -> list[str]:
 
 
 def _cause(cause: Cause) -> list[str]:
+    """Two lines on a cause: its parameters, then its description with its rms; of a bias, that the fitted
+    simulation has one.
+    """
     parameters = "; ".join(str(shown(name, value)) for name, value in cause.parameters.items())
     values = {name: interval.value for name, interval in cause.parameters.items()}
     described = cause_class(cause.name).described(values, plain_value)
@@ -225,7 +231,7 @@ def follows_texts(diagnosis: Diagnosis) -> list[str]:
 
 
 def _would_show(diagnosis: Diagnosis) -> list[str]:
-    """Line on the least sizes that would have shown where nothing is named."""
+    """Line on up to three least sizes that would have shown, a bias aside; empty without any."""
     sizes = []
     for name, size in diagnosis.detectable.items():
         cause, parameter = name.split(".")
@@ -235,9 +241,7 @@ def _would_show(diagnosis: Diagnosis) -> list[str]:
 
 
 def _elsewhere(expected: ExpectedGain | None) -> list[str]:
-    """Line on the gain expected on another motion, and the range where it holds; empty where none is
-    expected.
-    """
+    """Line on the gain expected on another motion, and the range where it holds; empty without one."""
     if expected is None:
         return []
     low, high = sorted((expected.gain_low, expected.gain_high))
@@ -291,7 +295,7 @@ def _times_the_noise(diagnosis: Diagnosis) -> list[str]:
 
 
 def _unknown(diagnosis: Diagnosis) -> list[str]:
-    """Cautions on mass, damping, stiffness that this motion does not tell from zero, beside named causes."""
+    """Cautions on mass, damping, stiffness not told from zero by this motion; none if no cause is named."""
     if not diagnosis.names_causes:
         return []
     return [

@@ -57,7 +57,7 @@ def sine(start_m: float, depth_m: float, frequency_hz: float) -> Sines:
 
 
 def multisine(start_m: float, depth_m: float, random: np.random.Generator) -> Sines:
-    """Sines with phases of the seed."""
+    """Sines of four frequencies with phases from `random`."""
     phases = random.uniform(0.0, 2.0 * pi, len(_FREQUENCIES_HZ)).tolist()
     return Sines(start_m, depth_m, _FREQUENCIES_HZ, phases)
 

@@ -36,6 +36,7 @@ def write_table(out: Path, columns: dict[str, Array]) -> None:
 
 
 def _parquet(path: Path, columns: dict[str, Array]) -> None:
+    """Writes the columns as Parquet. InputError: pyarrow is not installed."""
     try:
         import pyarrow  # noqa: PLC0415
         import pyarrow.parquet  # noqa: PLC0415

@@ -170,7 +170,7 @@ def test_next_scene_begins_with_its_facts(live: tuple[Endpoint, VirtualClock], t
     pages = {"report": tmp_path / "report.html"}
     ended = Scene(head="ended", recording=write(tmp_path / "run.mcap", 3), pages=pages)
     at_2_s = '{"at_s": 2.0}'
-    tell = partial(partial, live[0].tell)
+    tell = partial(partial, live[0].show)
     _, second, shown, _, between, third, last = conversed(
         live[0], tell(ended), "{}", at_2_s, tell(Scene(waits="x")), "{}", "{}", tell(Scene()), "{}", "{}"
     ).told

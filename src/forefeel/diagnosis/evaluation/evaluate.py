@@ -131,6 +131,7 @@ def evaluate(
 
 
 def _notes(prepared: Prepared) -> tuple[str, ...]:
+    """Sentences on the sampling, the gaps, and the number of samples that are scored."""
     rows = prepared.rows
     start_s = float(prepared.recording.time_s[np.flatnonzero(rows)[0]] - prepared.recording.time_s[0])
     return (*notes(prepared.recording), f"{np.count_nonzero(rows)} samples scored, from {start_s:.3f} s on")

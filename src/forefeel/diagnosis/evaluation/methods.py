@@ -64,7 +64,7 @@ T = TypeVar("T")
 
 @dataclass(slots=True)
 class Pairs(Generic[T]):
-    """Brings late forces and what was known of the motion at their stamps together."""
+    """Pairs late forces with what was remembered of the motion at their stamps."""
 
     _known: dict[float, T] = field(default_factory=dict)
     _stamps: deque[float] = field(default_factory=deque)
