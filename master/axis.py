@@ -45,8 +45,9 @@ from forefeel.master.stop import StopRequest
 
 
 class MasterAxis:
-    """Hand in, commands out; late forces in, felt force out. Threads: `tick` and `_on_force` run in the
-    haptic loop; the other `_on_*` where the transport delivers; the rest on asyncio.
+    """Reads the handle, publishes commands, learns from the late forces and renders the predicted one.
+    Threads: `tick` and `_on_force` run in the haptic loop; the other `_on_*` where the transport delivers;
+    the rest on asyncio.
     """
 
     def __init__(  # noqa: PLR0913, PLR0917 - who it is, what it works with, where it is written down
@@ -61,7 +62,7 @@ class MasterAxis:
         event_sink: EventSink = NULL_EVENT_SINK,
         prior: str = "",
     ) -> None:
-        """`prior`: what the prediction starts from, for whoever reads it."""
+        """`prior`: origin of the prior in one line, published and added as a notice; empty where none is."""
         self.name = settings.name
         self.counters: Counter[str] = Counter()
         self.session = Session(new_id)
@@ -112,7 +113,7 @@ class MasterAxis:
         bus.subscribe(topics.SLAVE_HEARTBEAT, self._on_heartbeat)
 
     def open(self) -> None:
-        """Opens the handle, whose force counts as late as it says, or the settings where they say more.
+        """Opens the handle and tells the haptic loop its actuator delay: of settings and device the larger.
 
         Raises:
             DeviceError: the handle does not answer.
@@ -123,9 +124,9 @@ class MasterAxis:
     # --- where the transport delivers ---
 
     def _on_force(self, sample: ForceSample, receive_ns: int) -> None:
-        """Queues a force sample of this session for learning. One that is not older also sets the stage
-        position and, if valid, becomes the newest force; an invalid one marks the newest as `ended`. Drops
-        and counts those of another session, beyond full scale or stamped ahead; older ones are counted.
+        """Queues a force sample for learning; drops and counts one of another session, beyond full scale or
+        stamped ahead. Unless it is older than one before, which is counted, it also sets the stage position
+        and becomes the newest force, or, if invalid, marks that as `ended`.
         """
         if sample.session_id != self.session.session_id:
             self.counters["forces_of_another_session"] += sample.session_id != 0
@@ -156,9 +157,9 @@ class MasterAxis:
             self._force = self._force._replace(ended=True)
 
     def _on_state(self, state: SlaveState, receive_ns: int) -> None:
-        """Keeps a newer state of the slave and passes it to session and expected setpoint (its reaction
-        times); only counts an older one, or one stamped ahead. Other caveats than before add a notice; FAULT
-        and ESTOPPED set `faulted`.
+        """Stores a newer state of the slave, notes its session id and passes its reaction times to the
+        expected setpoint; a state older or stamped ahead is only counted. Adds a notice where the caveats
+        changed; FAULT and ESTOPPED set `faulted`.
         """
         order = self._judge(self._states, topics.SLAVE_STATE, state, receive_ns)
         if order != "newer":
@@ -179,16 +180,16 @@ class MasterAxis:
         self._forces, self._answers, self._states = StampOrder(backwards=True), StampOrder(), StampOrder()
 
     def _judge(self, order: StampOrder, topic: Topic[Message], message: Message, receive_ns: int) -> Order:
-        """Place of a message in its stream; reports a step of the peer's clock."""
+        """Order of a message in its stream; a step of the peer's clock is counted, logged and noticed."""
         place = order.judge(message.stamp_ns, receive_ns)
         if order.step_ns:
             self.events.clock_step(topic.name, order.step_ns * 1e-9, receive_ns)
         return place
 
     def _on_handshake(self, handshake: Handshake, receive_ns: int) -> None:
-        """Passes the slave's answer to the session, as refused where the settings differ, and logs it. If the
-        session opens: restarts heartbeats and stamp orders, forgets newest force and slave state, and takes
-        over the load cell's full scale; what was learned stays.
+        """Passes the slave's answer to the session and logs it; an acceptance with other settings than ours
+        counts as a refusal. If the session opens: restarts heartbeats and stamp orders, forgets newest force
+        and slave state, and takes over the load cell's full scale; what was learned stays.
         """
         before, accepted, reason = self.session.state, handshake.accepted, printable(handshake.reason)
         if accepted and handshake.settings_hash != settings_hash(self._shared):
@@ -209,10 +210,10 @@ class MasterAxis:
     # --- the haptic loop ---
 
     def tick(self, now_ns: int, further: Columns = NO_COLUMNS) -> None:
-        """Runs one haptic tick: takes the forces that arrived, reads the handle, predicts and renders the
-        force; in an open session publishes command and haptic sample. The handle's button asks for an
-        emergency stop. After `fail` the rendered force is 0; while stopping it fades out and the deadman
-        counts as released. `further`: see `HapticInputs`.
+        """Runs one haptic tick: takes the forces that arrived, shows the slave's state on the handle and
+        reads it, predicts and renders the force; in an open session publishes command and haptic sample. The
+        handle's button requests an emergency stop. After `fail` the rendered force is 0; while stopping it
+        fades out and the deadman counts as released. `further`: expected stage positions of other axes.
         """
         self._take_forces()
         state, stage_position_m, force = self._shown_state(now_ns), self._stage_position_m, self._force
@@ -254,9 +255,7 @@ class MasterAxis:
         return status, self.session.cause(now_ns)
 
     def _shown_state(self, now_ns: int) -> SafetyState | None:
-        """Safety state of the slave; None before any, once it is stale, or when it names another session than
-        ours.
-        """
+        """Safety state of the slave; None before any, once it is stale, or of another session than ours."""
         state, stale_s = self._slave_state, topics.SLAVE_STATE.stale_after_s
         assert stale_s is not None
         silent = now_ns - self._state_received_ns > stale_s * 1e9
@@ -272,8 +271,9 @@ class MasterAxis:
         rendered_n: float,
         reacts_by: int | None,
     ) -> None:
-        """Publishes the command and the haptic sample of a tick under one header: one stamp and number.
-        Position and band of the command are clipped to the range of the messages.
+        """Publishes the command and the haptic sample of a tick with the same stamp and number. Clips the
+        command's position and band to the range of the messages; the sample names at most 32 of the forces
+        in `_taken`, which are removed from it.
         """
         header = self._command.header(self.session.session_id, now_ns)
         low_n, high_n = bounded(outputs.band_n) if outputs.band_n else (None, None)
@@ -373,7 +373,7 @@ class MasterAxis:
             self.events.limit(LimitHit(CONTACT_LOST, foretold_n, 0.0, "N"))
 
     def publish_parameters(self, now_ns: int) -> None:
-        """Publishes the contact model; adds a notice, once, where the forces do not fit the prior."""
+        """Publishes the contact model; adds a notice, once, if after a new fit forces and prior differ."""
         learner = self.identification.learner
         if learner.fits != self._judged_fits and not self._suspicion:
             self._judged_fits = learner.fits
@@ -384,8 +384,8 @@ class MasterAxis:
         self._parameters.send(model_parameters(header, self.identification, self._prior))
 
     def report(self, now_ns: int) -> None:
-        """Publishes `MasterState`: handle fault, else the slave's state, else no_session; with reason,
-        deadman, clock offset and counters.
+        """Publishes `MasterState`: as its indication a handle fault, else the slave's state, else no_session;
+        with reason, deadman, clock offset and counters.
         """
         best, state, fault = self._heartbeats.offset, self._shown_state(now_ns), self._hand.fault
         self._state.send(
@@ -404,7 +404,9 @@ class MasterAxis:
         )
 
     def emergency_stop(self, reason: str, now_ns: int, by: str = "master") -> None:
-        """Releases the deadman at once, and repeats the stop until the slave's state shows it."""
+        """Requests an emergency stop, logs the request and publishes the stop; `send_stop` repeats it. Until
+        the slave's state acknowledges it the deadman counts as released and the first reason stands.
+        """
         if self.stop.ask(reason, now_ns):
             self.events.stop_asked(by, reason, now_ns)
         self.send_stop(now_ns)
@@ -414,7 +416,7 @@ class MasterAxis:
         return self._slave_state
 
     def send_stop(self, now_ns: int) -> None:
-        """Sends the requested stop when it is due; about every 20 ms."""
+        """Publishes the requested emergency stop if it is due, see `StopRequest`; called every 20 ms."""
         if not self.stop.due(now_ns, self._slave_state, self._state_received_ns):
             return
         header = self._estop.header(self.session.session_id, now_ns)
@@ -422,8 +424,7 @@ class MasterAxis:
 
     def fail(self, error: BaseException) -> None:
         """Stops the axis for good after a fault of any thread: force 0 at once, deadman released from now on.
-        Sets `stopping` and `faulted`; counts the fault by its class, and a DeviceError of the handle, which
-        it catches.
+        Sets `stopping` and `faulted`; counts the fault by its class, and a DeviceError of the handle.
         """
         self.stopping = self._failed = self.faulted = True
         self.counters[f"fault_{type(error).__name__}"] += 1

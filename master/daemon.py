@@ -22,11 +22,7 @@ from forefeel.master.settings import MasterAxisSettings, MasterSettings
 
 
 class MasterDaemon:
-    """Every axis of the master on one runtime.
-
-    Attributes:
-        axes: the axes, in the order of the settings.
-    """
+    """Every axis of the master on one runtime. `axes`: in the order of the settings."""
 
     def __init__(
         self,
@@ -36,7 +32,7 @@ class MasterDaemon:
         new_id: Callable[[], int],
         event_sink: EventSink = NULL_EVENT_SINK,
     ) -> None:
-        """Registers loops and tasks.
+        """Builds the axes, opens their handles and registers loops and tasks; on an error closes the handles.
 
         Raises:
             InputError: a file that the settings name can not be used.
@@ -65,9 +61,8 @@ class MasterDaemon:
             opened.pop_all()
 
     def _register(self, runtime: Runtime, bus: Bus) -> None:
-        """Registers with the runtime the fault handler, the haptic loop (`tick`) and the periodic tasks of
-        all axes; adds the reports on timing and impairment. `bus`: of the first axis, under whose keys they
-        are published.
+        """Registers fault handler, haptic loop (`tick`) and periodic tasks of all axes with the runtime; adds
+        the reports on timing and impairment. `bus`: of the first axis, which publishes these.
         """
         runtime.on_fault(self.fail)
         lateness = runtime.loop("haptic", TICK_NS, self.tick)
@@ -98,14 +93,13 @@ class MasterDaemon:
                 reactions.callback(axis.fail, error)
 
     def shut_down(self) -> None:
-        """Releases the deadman and fades the force out; the loop tells the slave so until it ends."""
+        """Sets `stopping` of every axis: from the next tick the deadman is released, the force fades out."""
         for axis in self.axes:
             axis.stopping = True
 
     def close(self, now_ns: int) -> None:
         """Publishes the last states, reports and events, closes handles and transport, then stores the
-        priors; to be called after the loops have ended. Every step runs even if another raises; the exception
-        is raised at the end.
+        priors; to be called after the loops have ended. The exception of a step is raised after all others.
         """
         with ExitStack() as steps:  # a stack: the last one first
             steps.callback(self._keep_priors)
@@ -118,7 +112,7 @@ class MasterDaemon:
                 steps.callback(axis.report, now_ns)
 
     def _keep_priors(self) -> None:
-        """Stores what each axis learned, or adds a notice why not."""
+        """Stores the prior of each axis whose settings name one; adds a notice: stored, or why not."""
         for axis, wanted in zip(self.axes, self._wanted, strict=True):
             faulted = axis.faulted or not axis.stopping
             line = keep(wanted, axis.identification.learner, faulted, now_utc().date())

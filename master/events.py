@@ -36,8 +36,8 @@ class MasterEvents(AxisEvents):
         bus.subscribe(topics.SAFETY_EVENT, self._on_safety)
 
     def _on_limit(self, event: LimitEvent, receive_ns: int) -> None:
-        """Counts an event of the slave by its rule (`limit_<rule>`; beyond 64 names `limit_other`), logs
-        refusals, and adds a notice for a long round trip. Ignores an event that was received before.
+        """Adds a slave's event's `count` to the counter of its rule (`limit_<rule>`; beyond 64 names
+        `limit_other`), logs refusals and adds a notice for a long round trip. Ignores one received before.
         """
         if not self._is_new(event):
             return
@@ -75,7 +75,9 @@ class MasterEvents(AxisEvents):
             self.notices.add("the wall gave way: what was learned of it is forgotten")
 
     def session_lost(self, reason: str, now_ns: int) -> bool:
-        """See `AxisEvents`. Also asks for a flight record, for nobody else received what the hand felt."""
+        """Logs the end of the session and asks for a flight record, for nobody else received what the hand
+        felt. True then; False where no session was open.
+        """
         lost = super().session_lost(reason, now_ns)
         if lost:
             self._event_sink.flight(self._axis, "session_lost", reason, now_ns)
@@ -112,6 +114,6 @@ class MasterEvents(AxisEvents):
         self._handle_fault = handle_fault
 
     def counts(self) -> dict[str, int]:
-        """The slave's interventions and refusals by rule, forces that a limit changed, lost log lines."""
+        """Counts by name: slave's limit events by rule, clock steps, limited forces, lines the log lost."""
         lost = self._event_sink.lost
         return {**self._counters, "force_limited": self.limits.total, "event_lines_lost": lost}

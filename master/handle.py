@@ -19,8 +19,8 @@ from forefeel.master.polarity import PolarityCheck
 
 
 class HandleDriverSettings(DriverSettings):
-    """`actuator_delay_s`: the longest time in s from `render` to the force at the hand; where the device says
-    more, that counts. As long as it is later by a tick of 1 ms at most, the force gives the hand no energy.
+    """`actuator_delay_s`: the longest time in s from `render` to the force at the hand; a longer one that the
+    device reports counts instead. The force gives the hand no energy unless it is later by over 1 ms.
     """
 
     slot: ClassVar[Slot] = "handle"
@@ -108,8 +108,8 @@ _REVERSED = (
 
 
 class HandleWatch:
-    """Reads and renders; a fault releases the deadman at once and keeps it released until the re-arming. A
-    motor that is reversed is a fault that stays.
+    """Reads and renders a handle. A fault releases the deadman at once and keeps it released until the handle
+    is re-armed; a motor that is reversed is a fault that stays.
 
     The person re-arms: lets the deadman go and presses it again once the handle answers. `re_armed` is called
     then, and the reading of that tick still has the deadman released: from it the clutch takes where the hand
@@ -126,9 +126,9 @@ class HandleWatch:
         self._polarity = PolarityCheck()
 
     def read(self, now_ns: int) -> HandleReading:
-        """Reads the handle. A DeviceError, or a reading out of range, sets `fault`; from then on returns the
-        last position at rest with the deadman released. Re-arms once the person has pressed anew; the reading
-        of that tick still has the deadman released.
+        """Returns the handle's reading. A DeviceError, or a reading out of range, sets `fault`; from then on
+        returns the last position at rest with the deadman released. Re-arms once the person has pressed the
+        deadman anew; the reading of that tick still has it released.
         """
         had_failed = self.fault is not None
         try:
@@ -164,8 +164,7 @@ class HandleWatch:
 
     def _re_arm(self) -> bool:
         """Re-arms the handle if the person pressed the deadman anew: clears `fault`, adds a notice, calls
-        `re_armed`; True then. False if not pressed, or for a reversed motor. DeviceError where the handle
-        does not answer.
+        `re_armed`; True then. False if not pressed, or for a reversed motor. DeviceError: it does not answer.
         """
         if self.fault == _REVERSED or not self._handle.pressed_anew:
             return False

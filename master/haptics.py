@@ -17,8 +17,8 @@ from forefeel.master.settings import RenderingSettings
 
 
 class NewestForce(NamedTuple):
-    """Newest valid force, its arrival, and how late by the fastest; None before clocks are compared.
-    `ended`: an invalid one has come since; the slave ends the following if that lasts.
+    """Newest valid force. `late_ns`: how much longer its way took than that of the fastest message; None
+    before the clocks are compared. `ended`: an invalid one has come since.
     """
 
     sample: ForceSample
@@ -27,7 +27,7 @@ class NewestForce(NamedTuple):
     ended: bool = False
 
     def is_fresh(self, now_ns: int, stale_ns: int) -> bool:
-        """True if path and `stale_ns` explain its age; never before the clocks are compared."""
+        """True if lateness and time since arrival sum to at most `stale_ns`; False if `late_ns` is None."""
         return self.late_ns is not None and now_ns - self.arrived_ns + self.late_ns <= stale_ns
 
 
@@ -50,7 +50,7 @@ class HapticInputs(NamedTuple):
 class HapticOutputs(NamedTuple):
     """Results of a tick: the command, and the force to render beside what it rests on.
 
-    `band_n`: ends of the 95 % band, None while it rests on no error seen or on a stale force.
+    `band_n`: ends of the 95 % band, None while it is not known or the force is stale.
     """
 
     position_m: float
@@ -67,7 +67,7 @@ class HapticOutputs(NamedTuple):
 
 
 class Clutch:
-    """Command = handle + offset. With the clutch open the offset keeps the command on the stage."""
+    """Command = handle + offset. With the clutch open (no deadman) the offset keeps it on the stage."""
 
     def __init__(self) -> None:
         self.offset_m = 0.0
@@ -80,10 +80,10 @@ class Clutch:
 
 
 class HapticLoop:
-    """Handle in, command out, force out.
+    """Turns the reading of the handle into a command and a force to render, once per tick.
 
     Attributes:
-        prediction: of the force, which is to be told how late the slave's limit sees one. stage_m: where the
+        prediction: of the force; its setpoint is to be told the slave's reaction times. stage_m: where the
             stage is expected now, for the other axes; 0 before it is known.
     """
 
@@ -103,8 +103,9 @@ class HapticLoop:
 
     def tick(self, now_ns: int, inputs: HapticInputs) -> HapticOutputs:
         """Computes command, predicted force and rendered force of one tick; stateful. The rendered force
-        fades out unless the newest force is fresh and the slave follows. A prediction that the watch
-        distrusts is replaced by the late force, with a hit for it; if that lasts, the deadman is released.
+        fades out unless the newest force is fresh, the deadman pressed and the slave following. While the
+        watch distrusts the prediction the late force is rendered in its place, with a hit for it; if that
+        lasts, the deadman is released.
         """
         reading, force = inputs.reading, inputs.force
         position_m = self.clutch.command_m(reading, inputs.stage_position_m)
@@ -145,23 +146,23 @@ class HapticLoop:
         )
 
     def late_by(self, actuator_delay_s: float) -> None:
-        """Takes how late the handle's force is, before the first tick."""
+        """Sets the actuator delay of the handle and restarts the energy balance; before the first tick."""
         self._renderer.late_by(actuator_delay_s)
 
     def applied(self, force_n: float) -> None:
-        """Takes the force that the handle applied, for the energy balance."""
+        """Stores the force that the handle applied, for the energy balance of the next tick."""
         self._renderer.applied(force_n)
 
     def release(self) -> None:
-        """Begins the force at zero: the hand felt nothing up to now, whatever was rendered."""
+        """Restarts the rendered force at zero, to fade in: the hand felt nothing, whatever was rendered."""
         self._renderer.release()
 
     def _predict(
         self, now_ns: int, position_m: float, deadman: bool, inputs: HapticInputs
     ) -> Estimate | None:
-        """Predicted force for the command as it is sent, so that a recording can be replayed; None before any
-        force has arrived, outside a session, and while the gripper is open, when the prediction forgets its
-        motion.
+        """Predicts the force for the command as it is sent, so that a recording can be replayed. None before
+        any force has arrived, outside a session, and while the gripper is open, which also makes the
+        prediction forget its motion.
         """
         reading = inputs.reading
         if not inputs.in_session:

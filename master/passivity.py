@@ -32,10 +32,7 @@ def late_ticks(actuator_delay_s: float) -> int:
 class PassivityObserver:
     """E(n) = sum f(k - 1 - d) dx(k): the energy that the hand has put into the handle since the start.
 
-    E < 0: the rendered force has given the hand more than it ever took.
-
-    Attributes:
-        energy_j: E.
+    E < 0: the rendered force has given the hand more than it ever took. `energy_j`: E.
     """
 
     def __init__(self, actuator_delay_s: float = 0.0) -> None:
@@ -44,7 +41,7 @@ class PassivityObserver:
         self._forces_n = deque([0.0] * ticks, maxlen=ticks)
 
     def observe(self, moved_m: float, force_n: float) -> float:
-        """E after the hand has moved; `force_n`: rendered since the last call."""
+        """Adds what a motion of the hand put in and returns E. `force_n`: rendered since the last call."""
         self._forces_n.append(force_n)
         self.energy_j += self._forces_n[0] * moved_m
         return self.energy_j
@@ -113,8 +110,7 @@ class PassivityLimit:
 
     def limited_n(self, asked_n: float, present_n: float, velocity_m_s: float, dt_s: float) -> float:
         """Force in N for the next tick: `asked_n` bounded in size by backing, brake and guard (see the
-        class), its sign kept; changes no state. `present_n`: force of the last `dt_s`; `velocity_m_s`: of the
-        hand.
+        class), its sign kept; changes no state. `present_n`: of the last `dt_s`; `velocity_m_s`: of the hand.
         """
         credit_j, late_s = max(self._credit_j, 0.0), (self._pending - 2) * _TICK_S
         into = 1.0 if asked_n >= 0.0 else -1.0
@@ -132,7 +128,7 @@ class PassivityLimit:
 
     def _guarded_n(self, most_n: float, into_m_s: float, velocity_m_s: float) -> float:
         """Largest size in N up to `most_n` with 2 L <= C + 0.9 mJ, where L is the energy that all forces on
-        their way can give the hand; 0 where no other is. `into_m_s`: velocity against that force.
+        their way can give the hand; at least 0. `into_m_s`: velocity against that force.
         """
         forces_n, credit_w = list(self._forces_n), (self._credit_j - _LEAST_J) / _TICK_S
         gains = []  # of each tick j: m that a force gives to, and the energy / T that those on their way give

@@ -13,7 +13,7 @@ _LEAST_R, _LEAST_PER_KG = 0.5, 0.25
 
 
 class PolarityCheck:
-    """Tells a motor that pushes the hand along where it should resist.
+    """Detects a motor that pushes the hand along where it should resist.
 
     A hand of mass m under a force f that resists moves by m x'' = g - f. In each window of 0.1 s x and p, the
     double integral of f, are freed of what a smooth force g of the hand may have made, polynomials of fourth
@@ -33,9 +33,9 @@ class PolarityCheck:
         self._windows = 0
 
     def is_reversed(self, position_m: float, force_n: float) -> bool:
-        """Adds position and force of a tick. True only at the end of a window of 100 ticks in which the rest
-        of the force swings by 0.2 N, from the fifth such window on, if the motion goes with the force: a
-        reversed motor. Else False.
+        """Adds position and force of a tick. True, for a reversed motor, only at the end of a window of 100
+        ticks, from the fifth on in which the force, freed of its smooth part, swings by 0.2 N, if the motion
+        goes with the force. Else False.
         """
         self._positions_m.append(position_m)
         self._forces_n.append(force_n)

@@ -51,13 +51,13 @@ class ExpectedSetpoint:
         self._corrected_m = 0.0
 
     def answered_ns(self, sample: ForceSample) -> int | None:
-        """Stamp of the last command up to the motion that a force answers; None where it is not known."""
+        """Stamp of the last command within 5 ms before the motion that a force answers; None without one."""
         sent = self._sent.get(sample.answers_stamp_ns or 0)
         return None if sent is None else sent.stamp_ns
 
     def error_m(self, sample: ForceSample) -> float:
-        """The slave's setpoint less the one expected for the same motion, in m, where the force limit acted
-        on either. All other differences are those of the way that commands take.
+        """The slave's setpoint less the one expected for the same motion, in m; 0 where the force limit acted
+        on neither, for other differences are those of the way that commands take, or one is not known.
         """
         sent = self._sent.get(sample.answers_stamp_ns or 0)
         if sent is None or sample.setpoint_m is None or not (sample.force_limited or sent.force_limited):
@@ -89,9 +89,9 @@ class ExpectedSetpoint:
         deadman: bool,
         expected: Estimate | None = None,
     ) -> float:
-        """Setpoint in m that the slave's motion and force limits leave of this command; stateful, kept for
-        its stamp. Without the deadman, or after a stamp that does not increase, it jumps to the command
-        within the workspace. `expected`: predicted force that the force limit is applied to; None: 0 N.
+        """Advances the expected setpoint to a command and returns it in m: what the slave's motion and force
+        limits leave; stored under the stamp. Without the deadman, or if the stamp does not increase, it jumps
+        to the command within the workspace. `expected`: force that the limit is applied to; None: 0 N.
         """
         position_m = min(max(position_m, self._workspace_m[0]), self._workspace_m[1])
         previous_ns, self._previous_ns = self._previous_ns, stamp_ns
@@ -112,7 +112,7 @@ class ExpectedSetpoint:
         return setpoint_m
 
     def react(self, reaction: Reaction) -> None:
-        """Sets how late the slave's limit sees a force."""
+        """Sets the lateness with which the slave's force limit sees a force."""
         self._limiter.reaction = reaction
 
 
@@ -131,7 +131,7 @@ class Identified(Snapshot):
 
 
 class ForcePrediction:
-    """The contact force at the operator's present motion, of one axis; asked at every tick of its loop.
+    """Predicts the contact force at the operator's present motion, of one axis, at every tick of its loop.
 
     Args:
         limits: of the axis, as both ends share them.
@@ -160,10 +160,10 @@ class ForcePrediction:
         newest: ForceSample | None,
         further: Columns = NO_COLUMNS,
     ) -> Estimate | None:
-        """Force where the slave's setpoint and its lagging stage will be by this command; None before any
-        force has arrived. Stateful, once per command: a new `newest` corrects setpoint and prediction at
-        once; without `deadman` the setpoint jumps to the command. `snapshot`: what was identified;
-        `further`: columns that the contact's model follows.
+        """Predicts the force where the slave's setpoint and its lagging stage will be by this command; None
+        before any force has arrived. Stateful, once per command: a `newest` that was not given before first
+        corrects setpoint and prediction; without `deadman` the setpoint jumps to the command. `further`:
+        positions of other axes that the contact model follows.
         """
         if self._origin_ns is None:
             self._origin_ns = stamp_ns
@@ -181,8 +181,8 @@ class ForcePrediction:
         return self._expected
 
     def stamp_s(self, sample: ForceSample) -> float | None:
-        """Stamp of the command whose motion a force answers; None where it is not known or the force not
-        valid, or the fixture was open.
+        """Stamp in s, from the first command on, of the command whose motion a force answers; None where that
+        is not known, the force is not valid or the gripper was open.
         """
         stamp_ns, origin_ns = self.setpoint.answered_ns(sample), self._origin_ns
         usable = sample.valid and sample.gripper is Grip.CLOSED
@@ -200,7 +200,7 @@ _QUEUE = 8192  # eight seconds at 1 kHz
 
 
 class IdentificationTask:
-    """Runs on asyncio beside the haptic loop; the loop pulls `snapshot`, one reference, without a lock.
+    """Learns from the late forces, on asyncio; the haptic loop reads `snapshot`, one reference, without lock.
 
     A force and the readback of the same instant travel in one sample with the stamp of the command that
     they answer: the network can delay, lose or reorder such samples, and mixes nothing.
@@ -210,7 +210,7 @@ class IdentificationTask:
         learner: learns what the prediction's evaluator is to know.
 
     Attributes:
-        queue: filled by the transport's thread. snapshot: what is known. used, unused: samples so far.
+        queue: filled with the samples to learn from. snapshot: what is known. used, unused: samples so far.
     """
 
     def __init__(self, prediction: ForcePrediction, learner: Learner) -> None:
@@ -218,12 +218,11 @@ class IdentificationTask:
         self._prediction = prediction
         self.learner = learner
         self.used = self.unused = 0
-        self.snapshot = self._publish(0)
+        self.snapshot = self._make_snapshot(0)
 
     def run(self) -> None:
         """Drains `queue`, learns from its samples in the order of the stamps and renews `snapshot`. Samples
-        that are invalid, answer no command or had the gripper open are only counted, in `unused`; the others
-        in `used`.
+        that are invalid, answer no command or had the gripper open only count, in `unused`; others in `used`.
         """
         samples = self.queue.drain()
         known = [(s, sample) for sample in samples if (s := self._prediction.stamp_s(sample)) is not None]
@@ -233,9 +232,10 @@ class IdentificationTask:
             error_m = self._prediction.setpoint.error_m(sample)
             self._prediction.lag.observe(sample.answers_stamp_ns or 0, sample.position_m - error_m)
             self.learner.take(stamp_s, sample.force_n, error_m)
-        self.snapshot = self._publish(self.snapshot.number + 1)
+        self.snapshot = self._make_snapshot(self.snapshot.number + 1)
 
-    def _publish(self, number: int) -> Identified:
+    def _make_snapshot(self, number: int) -> Identified:
+        """Snapshot of what the learner and the stage's lag know by now."""
         published = self.learner.publish()
         return Identified(
             published.learned,

@@ -14,8 +14,8 @@ _NO_HITS: tuple[LimitHit, ...] = ()
 class Rendered(NamedTuple):
     """The force in N, the limits that changed it, and the energy in J that the hand has put in so far.
 
-    Rules: `rendered_force`, its limit in N; `rendered_step`, how much it may change in a tick;
-    `rendered_energy`, that it gives the hand no energy.
+    Rules of the hits: `rendered_force`, the limit in N; `rendered_step`, how much the force may change in a
+    tick; `rendered_energy`, that it gives the hand no energy.
     """
 
     force_n: float
@@ -24,13 +24,8 @@ class Rendered(NamedTuple):
 
 
 class ForceRenderer:
-    """Never shows a force that is stale, not finite, above the limit, that jumps, or that drives the hand.
-
-    Scale, clip, fade and slew come first, the passivity limit last. The slew limit holds for it too, except
-    where its guard acts.
-
-    Attributes:
-        force_n: what is rendered now.
+    """Makes the force to render from the contact force: scaled, clipped, faded, limited in slew, then made
+    passive. The result, `force_n`, never jumps, except where the guard of the passivity limit acts.
     """
 
     def __init__(self, settings: RenderingSettings) -> None:
@@ -44,7 +39,7 @@ class ForceRenderer:
         self.force_n = 0.0
 
     def late_by(self, actuator_delay_s: float) -> None:
-        """Begins the energy balance for an actuator of that delay."""
+        """Restarts the energy balance, for an actuator of that delay."""
         settings = self._settings
         self._observer = PassivityObserver(actuator_delay_s)
         self._passivity = PassivityLimit(
@@ -52,9 +47,9 @@ class ForceRenderer:
         )
 
     def render(self, now_ns: int, contact_n: float | None, live: bool, position_m: float) -> Rendered:
-        """Force to render: `contact_n` scaled, clipped, faded, limited in slew, made passive; with the limits
-        that changed it and the energy. It fades to zero in fade_s unless `live` (following, feedback fresh)
-        and `contact_n` is a finite number. Stateful, once per tick; `position_m`: of the handle.
+        """Computes the force to render from `contact_n`, with the limits that changed it and the energy so
+        far. It fades to zero in fade_s unless `live` and `contact_n` is a finite number. Stateful, once per
+        tick; `position_m`: of the handle.
         """
         dt_s = 0.0 if self._previous_ns is None else min((now_ns - self._previous_ns) * 1e-9, _MAX_STEP_S)
         self._previous_ns = now_ns
@@ -84,9 +79,9 @@ class ForceRenderer:
         return Rendered(passive_n, hits, energy_j)
 
     def applied(self, force_n: float) -> None:
-        """Takes the force that the handle applied, which counts for the energy."""
+        """Replaces the rendered force by the one that the handle applied, in the energy balance alone."""
         self._applied_n = force_n
 
     def release(self) -> None:
-        """Fades in from zero again: nothing was applied."""
+        """Sets the rendered force to zero at once, to fade in again."""
         self._fade = self.force_n = self._applied_n = 0.0

@@ -17,13 +17,14 @@ _LONGEST_STEP_S = 0.010  # as the renderer counts time
 
 
 class RenderingWatch:
-    """Wrong is a prediction that is further from the newest measured force than its band and what the motion
-    since then allows, or no number; and a tenth of the limit of which nothing is rendered, though the
-    passivity limit would. What is right counts a quarter, so that flickering is noticed.
+    """Sums up the time in which the felt force is wrong; right ticks take off a quarter, so that flickering
+    is noticed. Wrong is a prediction that is no number, or further from the newest measured force than its
+    band and the motion since allow; and one of a tenth of the limit of which nothing is rendered, though the
+    passivity limit did not act.
 
     Attributes:
-        distrusts: the late force takes the place of the prediction, until the deadman is let go.
-        ends: so does the following, for it went on.
+        distrusts: the late force is to take the place of the prediction, until the deadman is let go.
+        ends: the following is to end, too, for it went on.
     """
 
     def __init__(self, settings: RenderingSettings, limits: AxisLimits) -> None:

@@ -43,7 +43,8 @@ def haptic_sample(
 ) -> HapticSample:
     """Builds the haptic sample of one tick; fields of the prediction or of the newest force are None where
     there is none (`leading`: empty). Clips command position and prediction to the range of the messages.
-    `rendered_n`: as the handle applied it. `forces`, `slave_state`: as in the message.
+    `rendered_n`: as the handle applied it. `forces`: numbers of the force samples that it names;
+    `slave_state`: number of the state whose reaction times are in use.
     """
     predicted, force, snapshot = outputs.predicted, inputs.force, inputs.snapshot
     force_n, low_n, high_n = bounded(predicted[:3]) if predicted else (None, None, None)

@@ -47,7 +47,9 @@ class Session:
         self._asking_since_ns: int | None = None
 
     def should_ask(self, now_ns: int) -> bool:
-        """True when a handshake is due, every 250 ms; takes a new id when the session is lost."""
+        """True, noting the time, when a handshake is due: every 250 ms unless the session is open. Before
+        that ends a session that no state of the slave has named for 1 s, and takes a new id.
+        """
         if self.state is SessionState.OPEN and now_ns - self._mine_ns > _LOST_AFTER_NS:
             ended = {0: "the slave has ended the session", self.session_id: ""}
             self._start_again(ended.get(self._named, "the slave serves another master"))
@@ -64,8 +66,8 @@ class Session:
         self, session_id: int, accepted: bool, reason: str, asked_ns: int | None, now_ns: int
     ) -> None:
         """Takes the slave's answer to the handshake sent at `asked_ns`: opens the session, or notes the
-        reason. Differing settings end the asking (MISMATCH). An id used before, or an answer that took too
-        long, takes a new id, so that no later answer to the old one opens a session.
+        reason. Differing settings end the asking (MISMATCH). Where the id was used before, or the answer took
+        too long, it takes a new id, so that no later answer to the old one opens a session.
 
         An answer to another id, without `asked_ns` or while not asking only counts as hearing the slave.
         """

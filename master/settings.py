@@ -65,9 +65,7 @@ class RenderingSettings(Settings):
 
     @model_validator(mode="after")
     def _fades_in_time(self) -> Self:
-        """Raises ValueError where `fade_s` is shorter than the slew limit takes from the largest force to
-        zero.
-        """
+        """Raises ValueError where `fade_s` is shorter than the slew limit takes from the most force to 0."""
         shortest_s = self.max_force_n / self.max_slew_n_s
         if self.fade_s < shortest_s:
             raise ValueError(
@@ -120,7 +118,8 @@ class MasterSettings(DaemonSettings):
     axes: Annotated[tuple[MasterAxisSettings, ...], Field(min_length=1)] = (MasterAxisSettings(),)
 
     @model_validator(mode="after")
-    def _own_priors(self) -> Self:
+    def _priors_differ(self) -> Self:
+        """Raises ValueError where two axes store one prior."""
         wanted = [axis.prediction for axis in self.axes if axis.prediction.prior_dir is not None]
         if len({(one.prior_dir, one.instrument, one.patient) for one in wanted}) < len(wanted):
             raise ValueError("axes: two keep one prior; expected another instrument for each")
@@ -128,7 +127,9 @@ class MasterSettings(DaemonSettings):
 
     @model_validator(mode="after")
     def _hand_is_written_out(self) -> Self:
-        """The stage of another host may be real: a synthetic operator is no default for it."""
+        """Raises ValueError where an axis names no handle though an address leaves this host: the stage there
+        may be real, and the default is a synthetic operator.
+        """
         far = not all(map(on_loopback, (*self.transport.listen, *self.transport.connect)))
         if far and any("handle" not in axis.model_fields_set for axis in self.axes):
             line = "handle: {driver: operator} # or another of `forefeel devices`"

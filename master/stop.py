@@ -8,12 +8,11 @@ _SELDOM_NS = 250_000_000  # ns between two repetitions after that
 
 
 class StopRequest:
-    """Every 20 ms for 2 s, then four times a second: a link that comes back must not have lost it.
+    """Says when to send a requested emergency stop: every 20 ms for 2 s, then every 250 ms, until the slave
+    acknowledges it, for a link that comes back must not have lost it.
 
     Attributes:
-        wanted: from the asking until the slave acknowledges it, see `SlaveState`; the deadman counts as
-            released meanwhile.
-        reason: why.
+        wanted: requested and not acknowledged yet; the deadman counts as released meanwhile.
     """
 
     def __init__(self) -> None:
@@ -31,8 +30,8 @@ class StopRequest:
         return True
 
     def due(self, now_ns: int, state: SlaveState | None, received_ns: int) -> bool:
-        """True if the stop is to be sent now, which notes the time: every 20 ms for 2 s, then every 250 ms.
-        False where none is wanted; a `state` received after the asking that acknowledges it ends the request.
+        """True if the stop is to be sent now, which notes the time; False where none is wanted. A `state`
+        that was received after the request and acknowledges a stop ends the request.
         """
         if not self.wanted:
             return False

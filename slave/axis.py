@@ -36,8 +36,8 @@ _EXACT_M = 1e-9  # a drive that applies a setpoint to the nanometre did not chan
 
 
 class SlaveAxis:
-    """Commands in, motion and forces out. Threads: `tick` takes the commands and runs in the control loop;
-    `_on_*` where the transport delivers; the rest on asyncio.
+    """Takes commands, moves stage and gripper within gate and limits, publishes forces and state. Threads:
+    `tick` runs in the control loop; `_on_*` where the transport delivers; the rest on asyncio.
     """
 
     def __init__(
@@ -78,6 +78,9 @@ class SlaveAxis:
         self._connect(bus)
 
     def _connect(self, bus: Bus) -> None:
+        """Creates publishers and subscribes to emergency stops. Commands are polled: `_take_commands`, called
+        at each tick, hands those that arrived to the command receiver.
+        """
         self._forces = ForcePublisher(bus.publisher(topics.FORCE))
         self._state: Publisher = bus.publisher(topics.SLAVE_STATE)
         shape_m = self._devices.shape_m
@@ -99,19 +102,19 @@ class SlaveAxis:
     # --- from anyone ---
 
     def emergency_stop(self, reason: str, by: str = "slave") -> None:
-        """Latches the stop at the next tick, whatever else waits; idempotent."""
+        """Logs an emergency stop and has the next tick latch it; one that is latched already stays."""
         self.events.stop_asked(by, reason)
         self._estop.put(reason or "emergency stop")
 
     def clear(self) -> None:
-        """Asks the next tick to clear a latched stop or fault; only ever called by a local act at the slave.
-        One that the control loop has not heeded by then is none to clear: it stays.
+        """Has the next tick clear a latched stop or fault; only ever called by a local act at the slave. A
+        stop or fault that waits for that tick is latched after the clearing.
         """
         self._clear.put(True)
 
     def fail(self, error: BaseException) -> None:
-        """Reacts to a fault of any thread: the stage holds at once; the machine goes to FAULT at the next
-        tick, or by `settle` when the control loop itself has ended and no tick follows.
+        """Holds the stage at once after a fault of any thread, and has the next tick enter FAULT, or `settle`
+        when the control loop has ended. A DeviceError of the stage is counted, not raised.
         """
         self._fault.put(f"{type(error).__name__}: {error}"[:200])
         try:
@@ -129,9 +132,8 @@ class SlaveAxis:
 
     @property
     def reason(self) -> str:
-        """Reason for the safety state; in READY what keeps the axis from arming or, before the first arming,
-        what that declares; in IDLE why a session without any heartbeat ended, if one did. "not open" before
-        `open`.
+        """Reason for the safety state; in READY what keeps the axis from arming, else before the first arming
+        that this declares the instrument out of contact; in IDLE why a session without any heartbeat ended.
         """
         if self._control is None:
             return "not open"
@@ -219,7 +221,7 @@ class SlaveAxis:
         self._bus.end_batches(now_ns)
 
     def settle(self, now_ns: int) -> None:
-        """Fires the stop and the fault that wait for a tick, without one."""
+        """Latches the stop and the fault that wait for a tick, without one; reports the transitions."""
         assert self._control is not None, "open() comes first"
         self._report_transitions(now_ns, self._control.halt(now_ns, self._estop.take(), self._fault.take()))
 
@@ -228,8 +230,9 @@ class SlaveAxis:
             self.events.transition(transition, self._session.holder, now_ns)
 
     def _inputs(self, now_ns: int, cleared: bool) -> ControlInputs:
-        """Collects the inputs of a control tick; empties the slots of command, emergency stop and fault. A
-        conflict of two writers counts as no live session. `cleared`: a clearing was asked for.
+        """Collects the inputs of a control tick; empties the slots of command, emergency stop and fault. Two
+        writers count as no live session; a failing event log and a master's clock that runs wrong as a
+        fault. `cleared`: a clearing was asked for.
         """
         command, released = self._receiver.slot.take()
         conflict = self._receiver.conflict
@@ -278,9 +281,9 @@ class SlaveAxis:
     # --- on asyncio ---
 
     def serve(self, now_ns: int, last: bool = False) -> None:
-        """Answers handshakes, releases a session that ended unrenewed, or with a second writer, only late
-        commands or none, publishes and logs events; every 10 ms. `last`: all that is gathered. Logs them even
-        where publishing raises.
+        """Answers handshakes, releases the session where the command receiver says so, then publishes and
+        logs events, those even where publishing raises; every 10 ms. Adds a notice for a session that ended
+        without any heartbeat. `last`: all events that are gathered, else those that are due.
         """
         try:
             if lost := self._session.ended_unrenewed(now_ns):
@@ -308,7 +311,7 @@ class SlaveAxis:
         self._session.beat(now_ns)
 
     def announce(self, now_ns: int) -> None:
-        self._device_reports.calibrations(self._session.holder, now_ns)
+        self._device_reports.publish_calibrations(self._session.holder, now_ns)
 
     def report(self, now_ns: int) -> None:
         """Publishes `SlaveState`: safety state with reason, readback, grip, clock offset and counters; the

@@ -48,12 +48,11 @@ class CommandSlot:
 
 
 class CommandReceiver:
-    """The gate and the slot behind it, both in the control loop.
+    """Passes the commands that the gate admits to a slot, from which the control loop takes them.
 
     Attributes:
         counters: refusals by rule.
-        slot: what was admitted.
-        conflict: that two command in the session; one of them is not the master, and nobody can say which.
+        conflict: reason where two command in the session (nobody can say which is the master), or None.
     """
 
     def __init__(self, settings: SlaveAxisSettings, session: SlaveSession, events: AxisEvents) -> None:
@@ -72,9 +71,8 @@ class CommandReceiver:
         self._gate.open(session_id)
 
     def should_drop_session(self, now_ns: int, at_rest: bool) -> str | None:
-        """Reason to release the session, or None; asked many times a second. A conflict at once. Else, while
-        the stage is at rest, over 3 s of nothing but late commands, or of none at all; the first call begins
-        the latter.
+        """Reason to release the session: a second writer; or, while the stage is at rest, over 3 s of nothing
+        but late commands, or of no command since the first call. Else None.
         """
         if self._received_ns is None:
             self._received_ns = now_ns
@@ -86,8 +84,8 @@ class CommandReceiver:
         return _SILENT if at_rest and now_ns - self._received_ns > _SILENT_FOR_NS else None
 
     def on_command(self, command: MotionCommand, receive_ns: int) -> None:
-        """Puts a command that the gate admits into the slot; counts and reports one that is refused. Before
-        the clocks are compared one of the present session is ignored, neither admitted nor refused.
+        """Puts a command that the gate admits into the slot; counts and reports one that is refused. Ignores
+        one of the present session, neither admitted nor refused, before the clocks are compared.
         """
         clock = self._session.offset
         if clock is None and command.session_id == self._session.holder:

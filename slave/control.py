@@ -69,7 +69,7 @@ class ControlOutputs:
 
 
 class AxisControl:
-    """State: the safety machine, the setpoint, the newest command and when it came."""
+    """Moves the setpoint of one axis by inputs and safety machine; keeps the newest command."""
 
     def __init__(self, limits: AxisLimits, gate: GateSettings, reaction: Reaction, position_m: float) -> None:
         self.machine = SafetyMachine()
@@ -109,8 +109,7 @@ class AxisControl:
     def tick(self, now_ns: int, inputs: ControlInputs) -> ControlOutputs:
         """Runs one control tick: fires the events that the inputs cause, then moves the setpoint along the
         command while following, else brakes it to rest. A strayed stage puts the setpoint on the readback; so
-        does a loop that stood still beyond the watchdog, which fires WATCHDOG, too. The result lists
-        transitions and limits.
+        does a loop that stood still beyond the watchdog, which fires WATCHDOG, too.
         """
         stood_ns = 0 if self._previous_ns is None else now_ns - self._previous_ns
         elapsed_s = 1e-3 if self._previous_ns is None else stood_ns * 1e-9
@@ -163,8 +162,7 @@ class AxisControl:
 
     def obstacle(self, clock: OffsetEstimate | None) -> LimitHit | None:
         """Limit that keeps the axis from arming wherever hand and stage are: round trip too long (not judged
-        while `clock` is None), force limit that leaves too little speed, load cell not at zero; None where
-        there is none.
+        while `clock` is None), force limit that leaves too little speed, load cell not at zero; else None.
         """
         if (hit := self._long_round_trip(clock)) is not None:
             return hit
@@ -182,7 +180,7 @@ class AxisControl:
         return LimitHit(ROUND_TRIP, clock.round_trip_ns * 1e-9, self._gate.max_round_trip_s, "s")
 
     def halt(self, now_ns: int, estop: str | None, fault: str | None) -> list[Transition]:
-        """Fires the stop and the fault when no tick follows any more; the setpoint stays."""
+        """Fires the stop and the fault that are given, outside a tick; the setpoint stays."""
         transitions: list[Transition] = []
         for event, reason in ((E.ESTOP, estop), (E.FAULT, fault)):  # the gravest first
             if reason is not None:
@@ -202,9 +200,9 @@ class AxisControl:
             self._released = True
 
     def _even_out(self, transit_ns: int) -> None:
-        """Measures how much later than usual the newest command came; its motion is carried on by it. So
-        jitter of the network is no jitter of the stage, which is behind the hand by the usual transit (and
-        the clocks' offset).
+        """Sets `_behind_ns` to the usual transit of commands, a slow mean that is updated first; one that
+        deviates by over 20 ms shifts it by the rest. So jitter of the network is no jitter of the stage,
+        which is behind the hand by the usual transit (and the clocks' offset).
         """
         if self._usual_transit_ns is None:
             self._usual_transit_ns = float(transit_ns)
@@ -240,9 +238,9 @@ class AxisControl:
     def _command_events(
         self, now_ns: int, inputs: ControlInputs, clock: OffsetEstimate, hits: list[LimitHit]
     ) -> list[tuple[E, str]]:
-        """Event with reason of the newest command, at most one: while following its end, or the end of the
-        ramp; in READY at rest ENGAGE, on a deadman pressed after a release. Empty where none; a refusal to
-        arm is added to `hits`.
+        """Event with reason, at most one, that follows from the newest command or its silence: while
+        following one of `_following_events`; in READY at rest ENGAGE, for a deadman pressed after a release.
+        Empty where none; the limit that refuses to arm is added to `hits`.
         """
         command = self._command
         if command is None:
@@ -281,7 +279,7 @@ class AxisControl:
     def _may_engage(
         self, command: MotionCommand, position_m: float, clock: OffsetEstimate, hits: list[LimitHit]
     ) -> bool:
-        """True if the axis may arm at that command; a refusal is an intervention, added to `hits`."""
+        """True if the axis may arm at that command; else adds the limit that forbids it to `hits`."""
         hit = self.obstacle(clock)
         if hit is None and abs(command.position_m - position_m) > self._gate.alignment_m:
             hit = LimitHit("alignment", command.position_m, position_m, "m")
@@ -307,7 +305,7 @@ class AxisControl:
             self._command, self._released, self._usual_transit_ns = None, False, None
 
     def _follow(self, now_ns: int, dt_s: float) -> list[LimitHit]:
-        """Moves the setpoint by dt towards the newest command, carried on with its velocity; returns the
+        """Moves the setpoint for dt towards the newest command, carried on with its velocity; returns the
         limits that acted. Takes over the command's grip; while engaging the speed ramps up.
         """
         assert self._command is not None

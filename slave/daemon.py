@@ -38,7 +38,7 @@ class Clearing(NamedTuple):
 
 
 class ClearRequest:
-    """A clearing, asked for on asyncio, heeded at the next tick unless `done`, its result, is cancelled."""
+    """Clearing that the next tick is to do, unless `done`, its result, is cancelled before."""
 
     def __init__(self, axis: str | None) -> None:
         self.done: Future[list[Clearing]] = Future()
@@ -46,8 +46,8 @@ class ClearRequest:
         self._was: list[tuple[SlaveAxis, str]] = []
 
     def begin(self, axes: Sequence[SlaveAxis]) -> bool:
-        """Asks those halted axes that the request means to clear at their tick, and remembers their reasons;
-        True. False, and nothing is asked, if it was cancelled: `end` is not to be called then.
+        """Has the halted axes that the request means clear at their next tick, and stores their reasons;
+        True. False, and nothing is cleared, if the request was cancelled: `end` is not to be called then.
         """
         if not self.done.set_running_or_notify_cancel():
             return False
@@ -63,16 +63,12 @@ class ClearRequest:
         )
 
     def _means(self, axis: SlaveAxis) -> bool:
-        """True for a halted axis that is to be cleared: the named one and those that follow it, or any."""
+        """True for the named axis and those that were halted by it; for any, where none is named."""
         return self._axis in (None, axis.name) or axis.reason == FOLLOWS.format(self._axis)
 
 
 class SlaveDaemon:
-    """Every axis of the slave on one runtime.
-
-    Attributes:
-        axes: the axes, in the order of the settings.
-    """
+    """Every axis of the slave on one runtime. `axes`: in the order of the settings."""
 
     def __init__(
         self,
@@ -82,7 +78,8 @@ class SlaveDaemon:
         new_id: Callable[[], int],
         event_sink: EventSink = NULL_EVENT_SINK,
     ) -> None:
-        """Registers loops and tasks; nothing moves before the runtime starts.
+        """Builds the axes, opens their devices and registers loops and tasks; on an error closes the devices.
+        Nothing moves before the runtime starts.
 
         Raises:
             InputError: a file that the settings name can not be used.
@@ -111,9 +108,8 @@ class SlaveDaemon:
             opened.pop_all()
 
     def _register(self, runtime: Runtime, bus: Bus) -> None:
-        """Registers with the runtime the control loop (`tick`), the fault handler and the periodic tasks of
-        all axes; adds the reports on timing and impairment. `bus`: of the first axis, under whose keys they
-        are published.
+        """Registers control loop (`tick`), fault handler and periodic tasks of all axes with the runtime;
+        adds the reports on timing and impairment. `bus`: of the first axis, which publishes these.
         """
         self._loop = runtime.loop("control", TICK_NS, self.tick)
         runtime.on_fault(self.fail)
@@ -124,8 +120,8 @@ class SlaveDaemon:
         self._reports = Reports(bus, "slave", self._loop, self.transport, runtime)
 
     def tick(self, now_ns: int) -> None:
-        """Ticks every axis; waiting clear requests begin before and end after, even if a tick raises. If an
-        axis is then in FAULT or ESTOPPED, every other gets an emergency stop that names the first such axis.
+        """Ticks every axis; waiting clear requests begin before and end after, even if a tick raises. If then
+        an axis is in FAULT or ESTOPPED, every other that is not gets an emergency stop that names the first.
         """
         clearings = [request for request in self._clear.drain() if request.begin(self.axes)]
         try:
@@ -151,7 +147,7 @@ class SlaveDaemon:
         return request.done
 
     def fail(self, error: BaseException) -> None:
-        """Fails every axis, fires what waits for a tick if the control loop has ended, then logs the fault.
+        """Fails every axis, latches what waits for a tick if the control loop has ended, then logs the fault.
         Every step runs even if another raises; the exception is raised at the end.
         """
         with ExitStack() as reactions:
@@ -176,9 +172,9 @@ class SlaveDaemon:
         return all(axis.at_rest for axis in self.axes)
 
     def close(self, now_ns: int) -> None:
-        """Fires what waits for a tick, publishes the last events, states and reports, closes devices and
-        transport; to be called after the loops have ended. Every step runs even if another raises; the
-        exception is raised at the end.
+        """Latches the stops and faults that wait for a tick, publishes the last events, states and reports,
+        closes devices and transport; to be called after the loops have ended. Every step runs even if another
+        raises; the exception is raised at the end.
         """
         with ExitStack() as steps:  # a stack: the last one first
             steps.callback(self.transport.close)

@@ -124,9 +124,7 @@ class DeviceWatch:
         return max(0, now_ns - self._stamp_ns) * 1e-9
 
     def _read_stage(self, now_ns: int) -> None:
-        """Reads the stage into `stage`; raises DeviceError where the readback is beyond the range of the
-        messages.
-        """
+        """Reads the stage into `stage`; raises DeviceError beyond the range of the messages."""
         reading = self._devices.stage.read(now_ns)
         if not (
             abs(reading.position_m) <= MOST_POSITION_M and abs(reading.velocity_m_s) <= MOST_VELOCITY_M_S
@@ -139,16 +137,14 @@ class DeviceWatch:
 
 
 class ShapePublisher:
-    """Publishes the shape of the instrument every 50 ms, from the loop that moves it: an engine is read in no
-    other thread.
-    """
+    """Publishes the shape of the instrument every 50 ms, in the thread of the loop, as an engine requires."""
 
     def __init__(self, shape_m: Callable[[], Sequence[Point]], publisher: Publisher) -> None:
         self._shape_m, self._publisher = shape_m, publisher
         self._due_ns = 0
 
     def tick(self, now_ns: int, session_id: int) -> None:
-        """Publishes the shape where one is due; of more points than a message holds every second, third..."""
+        """Publishes the shape if one is due and there is one, thinned to what a message holds."""
         if now_ns < self._due_ns or not (points := self._shape_m()):
             return
         self._due_ns = now_ns + _SHAPE_NS
@@ -168,7 +164,7 @@ class DeviceReports:
         self._stage, self._load_cell = stage, load_cell
         self._publisher: Publisher = bus.publisher(topics.CALIBRATION)
 
-    def calibrations(self, session_id: int, now_ns: int) -> None:
+    def publish_calibrations(self, session_id: int, now_ns: int) -> None:
         for device in (self._stage, self._load_cell):
             calibration = getattr(device, "calibration", None)
             if isinstance(calibration, StageCalibration | LoadCellCalibration):
@@ -182,9 +178,7 @@ class DeviceReports:
 def _message(
     calibration: StageCalibration | LoadCellCalibration, publisher: Publisher, session_id: int, now_ns: int
 ) -> Calibration:
-    """Builds the message of a calibration; a field that the other kind of device has is None. Cuts driver and
-    serial to 256 characters.
-    """
+    """Builds the message of a calibration, with None for the other kind's fields; cuts driver and serial."""
     names = "native_per_m", "gain_n", "residual_n", "hysteresis_n"
     rest: dict[str, Any] = {name: getattr(calibration, name, None) for name in names}
     return Calibration(

@@ -36,7 +36,7 @@ class SlaveEvents(AxisEvents):
         }
 
     def transition(self, transition: Transition, session: int, now_ns: int) -> None:
-        """Logs it at once and queues it for the network; called by the control loop."""
+        """Logs a transition at once and queues it for `publish`; called by the control loop."""
         self._transitions.put((transition, now_ns))
         self._transition(SAFETY, transition, session, now_ns)
 
@@ -55,9 +55,7 @@ class SlaveEvents(AxisEvents):
         state: SafetyState,
         session: int,
     ) -> None:
-        """Adds the row of one control cycle to the flight recorder's ring; does nothing where there is no
-        recorder.
-        """
+        """Adds the row of one control cycle to the flight recorder's ring, if there is a recorder."""
         if self._add_cycle is None:
             return
         executing = outputs.executing
@@ -69,9 +67,7 @@ class SlaveEvents(AxisEvents):
         self._add_cycle(row)
 
     def publish(self, session_id: int, now_ns: int, last: bool = False) -> None:
-        """Publishes the queued transitions, with a notice for each, then the limits that are due, or all if
-        `last`.
-        """
+        """Publishes the queued transitions, each with a notice, then the limits that are due, `last`: all."""
         for (before, event, after, reason), stamp_ns in self._transitions.drain():
             header = self._safety.header(session_id, stamp_ns)
             message = SafetyEvent(**header, before=before, event=str(event), after=after, reason=reason[:256])
@@ -80,8 +76,8 @@ class SlaveEvents(AxisEvents):
         super().publish(session_id, now_ns, last)
 
     def _limited(self, hit: LimitHit, count: int, now_ns: int) -> None:
-        """Logs a refused command and a force above its limit; adds a notice for what is `notable`. `count`:
-        occurrences since the last call for this rule.
+        """Logs a refused command and a force above its limit; adds a notice for a rule that the console is to
+        show (`notable`). `count`: occurrences since the last call for this rule.
         """
         if hit.rule in REFUSALS:
             asked, limit = (f"{value:g} {hit.unit}".strip() for value in (hit.requested, hit.applied))

@@ -42,9 +42,7 @@ class KnownServo:
         self._s, self._feed, self._carried_s = position_m, velocity_m_s, EXTRAPOLATION_S
 
     def span_m(self, now_ns: int) -> tuple[float, float]:
-        """Advances the servo model to `now_ns`; returns its position in m twice, the lowest and the highest
-        of a healthy stage.
-        """
+        """Advances the servo model to `now_ns`; returns its position in m twice, as lowest and highest."""
         elapsed_s, self._now_ns = (now_ns - self._now_ns) * 1e-9, now_ns
         carried_s = min(elapsed_s, self._carried_s)
         self._carried_s -= carried_s
@@ -76,7 +74,8 @@ class KnownServo:
 
 class LateStage:
     """Span of a stage that reads back where it was sent, 0 to `lag_s` later, targets carried on with their
-    velocity: the hull of s(u) and s(u) + s'(u) (t - u), t - lag <= u <= t. `carried_s`: so may readings be.
+    velocity: the hull of s(u) and s(u) + s'(u) (t - u), t - lag <= u <= t. `carried_s`: time for which a
+    reading may be carried on, too.
     """
 
     carried_s = CARRIED_S
@@ -153,9 +152,9 @@ class FollowingWatch:
         self._holds = True
 
     def read(self, reading: StageReading, now_ns: int) -> str | None:
-        """Fault text where the stage is over 0.1 mm off the span of its setpoints, or still moves 0.5 s after
-        a hold; else None. Sets `at_rest`, `deviation_m` and `strayed`. While it holds, or after a gap in the
-        readbacks, the expectation restarts at the readback.
+        """Takes a readback: sets `at_rest`, `deviation_m` and `strayed`. Fault text where the stage is over
+        0.1 mm off the span of its setpoints, or still moves 0.5 s after a hold; else None. While it holds, or
+        after a gap in the readbacks, the expectation restarts at the readback.
         """
         self._read_m = x_m = reading.position_m
         blind = now_ns - self._read_ns > self._expected.blind_ns
@@ -182,6 +181,7 @@ class FollowingWatch:
 
 
 def following_watch(settings: SlaveAxisSettings) -> FollowingWatch:
+    """Builds the watch: with the known servo of a simulated stage, else with `stage.lag_s` as bound."""
     if settings.stage.driver == "simulated":
         stage = settings.simulation.stage
         return FollowingWatch(KnownServo(stage.bandwidth_hz, stage.acceleration_limit_m_s2))

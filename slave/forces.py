@@ -61,9 +61,9 @@ class ForcePublisher:
         self._instants.append(instant)
 
     def send(self, reading: LoadCellReading, holder: int, clock: OffsetEstimate | None) -> None:
-        """Publishes one reading as a force sample, with stage, command, setpoint and stamp of the tick of its
-        stamp (no stamp: the newest tick). `holder`: session id; `clock`: sent along, not applied. At least
-        one tick has to be noted before.
+        """Publishes one reading as a force sample, with stage, command and setpoint as they were at its stamp
+        (without a stamp: at the newest tick). `holder`: session id; `clock`: sent along, not applied. At
+        least one tick has to be noted before.
         """
         newest = self._instants[-1]
         at = newest if reading.stamp_ns is None else self._at(reading.stamp_ns)
@@ -151,8 +151,8 @@ class ForceWatch:
         self, now_ns: int, force_n: float, valid: bool, age_s: float, tick_s: float, follows: bool
     ) -> None:
         """Updates the attributes with the newest reading. A valid one renews the lateness and, while nothing
-        follows, zero and noise. An invalid or late one lowers `limit_share` and replaces the force only if
-        that is smaller (without a timeout it counts like a valid one). `tick_s`: since the last call.
+        follows, zero and noise. An invalid or late one lowers `limit_share`, and its force counts only if it
+        is larger than the last (without a timeout it counts like a valid one). `tick_s`: since the last call.
         """
         if valid:
             self.late_s = age_s + tick_s
@@ -240,8 +240,8 @@ class StrokeWork:
         self._turned_m = None
 
     def add(self, stage: StageReading, force_n: float) -> int:
-        """Adds a tick: by place F |v| and |v| of the way in, then of the way out. Returns 1 at the end of a
-        stroke that the force resisted, -1 at the end of the third that it drove, else 0.
+        """Adds a tick to the stroke, unless the stage is slower than 2 mm/s. Returns 1 at the end of a stroke
+        that the force resisted, -1 at the end of every third that it drove, else 0.
         """
         x_m, v_m_s = stage
         if abs(v_m_s) <= _INWARD_M_S:
@@ -261,7 +261,9 @@ class StrokeWork:
         return -1 if self._negative == 0 else 0
 
     def _sense(self) -> int:
-        """Sense of the work in the stroke that has ended, which is forgotten; 0 where it tells nothing."""
+        """Sense of the work in the stroke that has ended, which is forgotten: 1 where the force resisted, -1
+        where it drove, 0 where it tells nothing.
+        """
         both = [(i / i_m, o / o_m) for i, i_m, o, o_m in self._places.values() if i_m > 0.0 and o_m > 0.0]
         self._places.clear()
         if len(both) < _LEAST_PLACES:
@@ -308,6 +310,9 @@ class PolarityWatch:
         return f"load cell {way}: its sign is wrong; change {self._setting}"
 
     def _pulls_first(self, now_ns: int, position_m: float, force_n: float, following: bool) -> bool:
+        """True if the first contact, of 5 ms, of a way in that began free pulls; if it pushes sets `_known`.
+        While not `following` the way begins anew.
+        """
         free = abs(force_n) <= self._free_n
         if not following:
             self._start_m, self._deepest_m, self._loaded = position_m, -inf, not free

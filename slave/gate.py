@@ -34,6 +34,8 @@ class GateLimits:
 
 
 class _Window:
+    """Numbers of the commands of one session: the newest, and those that were left out before it."""
+
     def __init__(self, session_id: int) -> None:
         self.session_id = session_id
         self.sequence = 0
@@ -67,8 +69,7 @@ class CommandGate:
 
     def admit(self, command: MotionCommand, receive_ns: int, clock: OffsetEstimate | None) -> Refusal | None:
         """Refusal of a command for its session, sequence, age or range; None where it is admitted, and the
-        sequence moves on. The age is not judged while `clock` is None: nothing is executed until the clocks
-        are compared.
+        sequence moves on. The age is not judged while `clock` is None: nothing is executed before.
         """
         window = self._window
         if window is None or command.session_id != window.session_id:

@@ -34,7 +34,7 @@ _STRAIGHT_M = 1e-3  # that is free at least
 
 
 class InstrumentWatch:
-    """Attributes: `slipped_m`: way that was lost so far, about; `since_ns`: when it slipped first."""
+    """Detects slip and forces near a load. `slipped_m`: way lost, about; `since_ns`: of the first slip."""
 
     def __init__(self, loads: InstrumentSettings) -> None:
         self.slipped_m = 0.0
@@ -49,8 +49,8 @@ class InstrumentWatch:
     def take(
         self, now_ns: int, stage: StageReading, force_n: float, valid: bool, held: bool
     ) -> list[LimitHit]:
-        """Events of one tick. `held`: the jaws are closed and the stage follows; else it begins anew, as
-        without a valid force.
+        """Warnings of one tick, mostly none: a load that the force has come near, a slip or its way. Unless
+        `held` (jaws closed, stage following) and `valid`, none, and it restarts but for what it has learned.
         """
         if not (valid and held):
             self._forces.clear()
@@ -78,9 +78,11 @@ class InstrumentWatch:
         return min(self._near, key=(BUCKLES, LOOSENS).index, default=None)
 
     def _slips(self, now_ns: int, x_m: float, force_n: float) -> bool:
-        """True where a slip begins, or its way is known."""
+        """True where a slip begins, or the way of the last one gets known. Updates the usual drop of the
+        force, `since_ns` and `slipped_m`.
+        """
         if not self._steady():
-            return self._found_again(x_m, force_n)
+            return self._force_is_back(x_m, force_n)
         forces = list(self._forces)
         before_n, now_n = sum(forces[:_BEFORE]) / _BEFORE, sum(forces[-_NOW:]) / _NOW
         drop_n, self._learned = before_n - now_n, self._learned + 1
@@ -88,15 +90,17 @@ class InstrumentWatch:
             return False
         if self._learned < _LEARNED or drop_n < _TIMES * sqrt(self._usual_n2):
             self._usual_n2 += (drop_n * drop_n - self._usual_n2) / min(self._learned, _USUAL)
-            return self._found_again(x_m, force_n)
+            return self._force_is_back(x_m, force_n)
         self._told_ns, self.since_ns = now_ns, now_ns if self.since_ns is None else self.since_ns
         if self._slipped_at is not None:  # that of before ends here, whatever force it has come to
             self.slipped_m += max(x_m - self._slipped_at[0], 0.0)
         self._slipped_at = x_m, before_n
         return True
 
-    def _found_again(self, x_m: float, force_n: float) -> bool:
-        """True once the force is what it was at the last slip: the stage is further in by the way lost."""
+    def _force_is_back(self, x_m: float, force_n: float) -> bool:
+        """True once the force is what it was before the last slip, whose way is added to `slipped_m` then:
+        by so much the stage is further in.
+        """
         if self._slipped_at is None or force_n < self._slipped_at[1]:
             return False
         self.slipped_m += max(x_m - self._slipped_at[0], 0.0)
@@ -104,7 +108,7 @@ class InstrumentWatch:
         return True
 
     def _steady(self) -> bool:
-        """True if the stage does not go back, and hardly changes its speed."""
+        """True if the stage goes in, at 1 mm/s or faster, and hardly changes its speed."""
         ways_m = list(self._ways)
         first_m, second_m = ways_m[_WAY] - ways_m[0], ways_m[-1] - ways_m[_WAY]
         if first_m < 0.0:
@@ -116,7 +120,7 @@ class InstrumentWatch:
         return abs(second_m - first_m) < max(_STEADY_M_S * _WAY * 1e-3, _STEADY * first_m)
 
     def _loads_n(self, position_m: float) -> list[tuple[str, float]]:
-        """Loads that are known, by their rules."""
+        """Rule and load in N of each load that the settings give, that of bowing out at `position_m`."""
         loads, known = self._loads, []
         if loads.euler_n_m2 is not None and loads.free_length_m is not None:
             free_m = max(loads.free_length_m - position_m, _STRAIGHT_M)

@@ -125,9 +125,7 @@ class SlaveSession:
         return self._ended or f"no heartbeat from the master for {span(self._lease.expired_after_s)}"
 
     def clock_fault(self, now_ns: int) -> str | None:
-        """Fault text when the master, while it holds the lease, has a clock too fast or slow to follow; else
-        None.
-        """
+        """Fault text when the master holds the lease with a clock too fast or slow to follow; else None."""
         clock = self._heartbeats.offset
         if clock is None or abs(clock.rate_ppm) <= MAX_RATE_PPM or not self._lease.live(now_ns):
             return None
@@ -144,9 +142,7 @@ class SlaveSession:
         self._handshakes.put((handshake, receive_ns))
 
     def _on_heartbeat(self, heartbeat: Heartbeat, receive_ns: int) -> None:
-        """Renews the lease by a heartbeat of its live holder; only counts one of another session, or one that
-        is refused as a replay.
-        """
+        """Renews the lease by a heartbeat of its live holder; only counts a replay, or another session's."""
         if heartbeat.session_id != self._lease.holder or not self._lease.live(receive_ns):
             self.counters["heartbeats_of_another_session"] += 1
         elif self._heartbeats.receive(heartbeat, receive_ns):
@@ -156,7 +152,7 @@ class SlaveSession:
 
     def serve(self, now_ns: int, at_rest: bool, opened: Callable[[int], None]) -> None:
         """Answers each handshake that came in, accepted or refused with a reason; counts and logs it. Calls
-        `opened` with the id of each new session.
+        `opened` with the id of each session that is opened anew.
         """
         for handshake, receive_ns in self._handshakes.drain():
             before = self._lease.holder

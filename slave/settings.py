@@ -77,6 +77,8 @@ _INDENTATION_M = 0.01
 
 
 class SlaveAxisSettings(AxisSettings):
+    """One axis of the slave. `limits` must equal the master's."""
+
     gate: GateSettings = GateSettings()
     stage: StageSection = _SIMULATED
     gripper: GripperSection = _SIMULATED
@@ -172,9 +174,7 @@ class SlaveAxisSettings(AxisSettings):
 
     @model_validator(mode="after")
     def _travel_covers_the_workspace(self) -> Self:
-        """Raises ValueError where `limits.workspace_m` is not within the stage's travel; a stage without one
-        is not judged.
-        """
+        """Raises ValueError where `limits.workspace_m` is not within the stage's travel, if that is known."""
         if self.stage.travel is None:
             return self
         (low, high), (lowest, highest) = self.limits.workspace_m, self.stage.travel

@@ -81,7 +81,7 @@ def plant_contact(world: WorldSettings) -> tuple[PlantContact, Converter]:
 def _own_contact(
     contact: ContactModel, hidden: HiddenSettings | None
 ) -> tuple[ContactRuntime | SwitchedContact, Converter]:
-    """`hidden`: effects of both kinds that come in at `from_s`; None: none."""
+    """Builds contact and converter from our own effects; those of `hidden`, if any, act from `from_s` on."""
     continuous, converts = at_conversion(contact)
     if hidden is None:
         return continuous.runtime(), Converter(converts, [], 0.0)
@@ -112,7 +112,9 @@ class PlantFixture:
         return grip
 
     def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
-        """The force on the load cell in N, given the carriage's motion (x, v, a) after dt at time t."""
+        """Steps the contact by dt to time t, with the carriage's motion (x, v, a), and while closed updates
+        `inserted_m`; returns the force on the load cell in N.
+        """
         if self.grip is Grip.OPEN:
             return self._contact.step_unheld(t, x, v, a, dt)
         force_n = self._contact.step(t, x + self._offset_m, v, a, dt)

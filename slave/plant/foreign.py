@@ -82,8 +82,8 @@ class ForeignContact:
         self._added.follow(further)
 
     def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
-        """Force in N at time t in s, after a motion (x, v, a) of dt. Raises DeviceError where the engine
-        fails.
+        """Steps the added effects by dt to time t, and the engine if its next step is due; returns the sum of
+        both forces in N. Raises DeviceError where the engine fails.
         """
         if self._due_s is None or t > self._due_s - _ROUNDING_S:
             try:

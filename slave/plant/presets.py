@@ -21,7 +21,7 @@ _STAGE = {
 
 
 def _contact(name: str, **parameters: dict[str, float]) -> dict[str, Any]:
-    """Effects in the order of the vessel: approach, valve, wall, heart and breath."""
+    """Mapping of a contact model: an effect for each argument, in that order, then heart and breath."""
     pulsations = [parameters.pop("heart"), parameters.pop("breath")]
     effects = [{"effect": effect, "parameters": values} for effect, values in parameters.items()]
     effects += [{"effect": "pulsation", "parameters": values} for values in pulsations]

@@ -111,6 +111,7 @@ class WorldSettings(Settings):
 
     @model_validator(mode="after")
     def _one_contact(self) -> Self:
+        """Raises ValueError where the contact's and the hidden effects together are no contact model."""
         if self.hidden is not None:
             together = self.contact.effects + self.hidden.effects.effects
             _contact(ContactModel(self.contact.name, together).to_mapping())
@@ -119,9 +120,9 @@ class WorldSettings(Settings):
     @model_validator(mode="before")
     @classmethod
     def _fill_from_preset(cls, data: Any, info: ValidationInfo) -> Any:  # noqa: ANN401 - raw input of pydantic
-        """Fills in from its preset what the raw mapping leaves out, and the contact from the file `model`, if
-        it names one; `pushes_only` defaults to on only with the preset's contact. Anything but a mapping with
-        a known preset is passed on for the fields to refuse.
+        """Fills in from its preset what the raw mapping leaves out; the contact from the file `model`, if it
+        names one, else with a `world` none. `pushes_only` defaults to on only with the preset's contact.
+        Anything but a mapping with a known preset is passed on for the fields to refuse.
         """
         if not isinstance(data, dict):
             return data

@@ -86,8 +86,8 @@ class PlantStage:
         return target + (e + c * dt) * self._decay, feed + (d - w * c * dt) * self._decay
 
     def _limited(self, v: float, demanded: float) -> float:
-        """Velocity nearest to `demanded` that one step from v can reach, within the limits of acceleration
-        and velocity.
+        """Velocity nearest to `demanded` that one step from v can reach within acceleration and velocity
+        limits.
         """
         change, fastest = self._change_m_s, self._fastest_m_s
         if demanded > v + change:

@@ -84,7 +84,9 @@ class SimulatedWorld:
         self._steps = 0
 
     def advance(self, to_ns: int) -> None:
-        """Integrates to that stamp; the first stamp is the start, an earlier one than the last is ignored."""
+        """Integrates to that stamp, its last 5 s at most. The first call only sets the start; an earlier
+        stamp than before is ignored.
+        """
         due = self._elapsed_ns(to_ns) * _RATE_HZ // 1_000_000_000
         if due > self._steps:
             self._integrate(max(self._steps, due - int(CATCH_UP_S * _RATE_HZ)), due)
@@ -131,9 +133,7 @@ class SimulatedWorld:
         return stamp_ns - self.start_ns
 
     def _integrate(self, first: int, last: int) -> None:
-        """Steps stage, fixture and the load cell's filter from after step `first` to step `last`; converts
-        once a millisecond.
-        """
+        """Steps stage, fixture and the cell's filter from after step `first` to `last`; converts each ms."""
         stage, fixture, cell = self._stage.step, self._fixture.step, self._load_cell
         dt, per_conversion = self._dt, _RATE_HZ // _CONVERSION_RATE_HZ
         self._contact.follow({name: other._stage.position_m for name, other in self.others.items()})

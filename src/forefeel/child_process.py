@@ -56,9 +56,7 @@ class ChildProcess:
         return self._process is not None and self._process.poll() is None
 
     def write(self, line: str, last: bool = False) -> None:
-        """Writes a line to the pipe, and closes it after the last; nothing without one, or to a process that
-        has ended.
-        """
+        """Writes a line to the pipe, and closes it after the `last`; nothing without pipe or process."""
         pipe = self._process and self._process.stdin
         if pipe:
             with suppress(OSError):
@@ -74,9 +72,7 @@ class ChildProcess:
         self.end()
 
     def end(self) -> None:
-        """Ends the process by SIGTERM, or SIGKILL `end_s` later, and waits for its end; nothing if it was not
-        started.
-        """
+        """Ends the process, if started, by SIGTERM, or SIGKILL `end_s` later, and waits for its end."""
         if self._process is not None:
             self._process.terminate()
             try:
@@ -100,7 +96,7 @@ class ChildProcess:
 
 def die_with_parent(number: signal.Signals = signal.SIGTERM, parent: int | None = None) -> None:
     """Has the kernel send this process a signal when its parent ends, however that ends. `parent`: its id;
-    None: a process that no `ChildProcess` has started stays as it is.
+    None: that of the `ChildProcess` that started this one; where none has, it does nothing.
 
     Raises:
         RunError: the parent has ended.
@@ -141,7 +137,7 @@ def next_listening(address: str, port: int) -> socket.socket:
 
 
 def free_endpoints(count: int) -> list[str]:
-    """Endpoints of this host at which nobody listens now."""
+    """TCP endpoints of this host, as many as `count`, at which nobody listens now."""
     with ExitStack() as open_now:
         sockets = [open_now.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(count)]
         return [f"tcp/127.0.0.1:{listening.getsockname()[1]}" for listening in sockets]

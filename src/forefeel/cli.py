@@ -119,9 +119,7 @@ class _Group(TyperGroup):
             self._in_help = False
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
-        """Writes `SECTIONS`: on each line an example and the summary of its command; below a group its
-        commands as typer does.
-        """
+        """Writes `SECTIONS`, an example and its command's summary a line; below a group as typer does."""
         if self.commands.prefix:
             super().format_commands(ctx, formatter)
             return

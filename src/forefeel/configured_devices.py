@@ -11,6 +11,8 @@ from forefeel.devices.shared.settings import SerialSettings
 
 
 class ConfiguredDevice(NamedTuple):
+    """A device that a daemon's settings name, by the section of its driver; not opened."""
+
     axis: str
     settings: Any
     driver: InstalledDriver
@@ -50,7 +52,7 @@ def import_drivers(settings: DaemonSettings) -> None:
 
 
 def device_of(config: Path, axis: str, slot: Slot) -> ConfiguredDevice:
-    """Loads a slave's YAML file and finds the device in that slot of an axis; nothing is opened. A device
+    """Device in that slot of an axis, by a slave's YAML file, which is loaded; no device is opened. One
     without hardware behind it (a simulated one) does not count.
 
     Raises:

@@ -74,9 +74,7 @@ class ControlSocket:
 
     @asynccontextmanager
     async def serving(self, act: Act) -> AsyncIterator[None]:
-        """Answers each request by `act` while entered, several at a time; at the end cancels those that are
-        not answered yet.
-        """
+        """Answers requests by `act` while entered, several at a time; cancels the unanswered at the end."""
         loop = asyncio.get_running_loop()
         loop.add_reader(self._socket, self._receive, act)
         try:
@@ -180,6 +178,7 @@ class SlaveRequests:
         return all(axis.state is SafetyState.ESTOPPED and axis.latch_persisted for axis in self._daemon.axes)
 
     def _lines(self) -> list[str]:
+        """Lines with state and reason, one for each axis; with a warning where that is not on the disk."""
         lost = f"; NOT KEPT OVER A NEW START: {self._event_sink.problem or 'it is not written yet'}"
         return [
             f"axis {axis.name}: {axis.state.value}, {axis.reason}{'' if axis.latch_persisted else lost}"

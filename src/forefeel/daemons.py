@@ -93,7 +93,7 @@ async def slave(
     """
     from forefeel.slave.daemon import SlaveDaemon  # noqa: PLC0415 - each daemon loads only its own side
 
-    with _process(settings, host, connect) as process:
+    with _daemon_process(settings, host, connect) as process:
         runtime = process.runtime
         transport = await process.open_transport(insecure, duration_s)
         if transport is None:
@@ -134,7 +134,7 @@ async def master(
     """
     from forefeel.master.daemon import MasterDaemon  # noqa: PLC0415 - as above
 
-    with _process(settings, host, connect) as process:
+    with _daemon_process(settings, host, connect) as process:
         runtime = process.runtime
         transport = await process.open_transport(insecure, settings.peer_timeout_s)
         if transport is None:
@@ -144,7 +144,7 @@ async def master(
             process.say(f"{_described(settings)}; waiting for the slave")
             async with runtime, process.socket.serving(MasterRequests(daemon, runtime.clock)):
                 sessions = SessionWatch(daemon.axes, settings, transport, process)
-                await sessions.opened(settings.peer_timeout_s)
+                await sessions.wait_until_open(settings.peer_timeout_s)
                 if not runtime.stopping.is_set():
                     process.say(f"session open; loop: {runtime.scheduling}")
                 await _until_end(runtime, duration_s, sessions.look, lambda: daemon.finished)
@@ -220,8 +220,9 @@ class Process:
         return None
 
     def _take_priority(self) -> None:
-        """Raises the threads' priority. Not before the transport is open, which takes a tenth of a second of
-        computing: the threads of a cell that runs on this host would wait.
+        """Raises the threads' priority and keeps them on a core (docs/decisions/0008), where the settings
+        ask for a priority. Not before the transport is open, which takes a tenth of a second of computing:
+        the threads of a cell that runs on this host would wait.
         """
         if priority := self.settings.realtime.priority:
             self.runtime.host.raise_threads(priority - _BELOW_THE_LOOP)
@@ -229,8 +230,8 @@ class Process:
 
     @contextmanager
     def closing(self, transport: ParallelTransport, kind: Callable[..., D]) -> Iterator[D]:
-        """Makes the daemon of class `kind` on the transport, and closes it at the end of the block, whatever
-        happens; closes the transport if the making fails.
+        """Makes the daemon of class `kind` on the transport and gives it to the block, at whose end it is
+        closed, and with it the transport, whatever happens. Closes the transport if the making fails.
         """
         with ExitStack() as failed:
             failed.callback(transport.close)
@@ -242,8 +243,8 @@ class Process:
             daemon.close(self.runtime.clock.now_ns())
 
     def watch(self, axes: "Sequence[SlaveAxis | MasterAxis]") -> ServiceWatchdog:
-        """Starts the tasks that print the axes' notices and tell systemd status and liveness; sets `notices`;
-        returns the watchdog, to be told when the daemon stops.
+        """Registers the tasks that print the axes' notices and tell systemd status and liveness; sets
+        `notices`; returns the watchdog of the latter, to be told when the daemon stops.
         """
         self.notices = {axis.name: axis.events.notices for axis in axes}
         self.runtime.task("notices", _NOTICES_NS, self._tell_notices)
@@ -267,14 +268,14 @@ class Process:
 
 
 @contextmanager
-def _process(settings: DaemonSettings, host: Host | None, connect: Connect) -> Iterator[Process]:
-    """Opens runtime, state folder, event log and control socket of a daemon for the length of a block; gives
-    the Process, with which the block opens the network (`connect`) and the devices. A signal stops the
-    runtime. The event log gets the start, and the end with its cause.
+def _daemon_process(settings: DaemonSettings, host: Host | None, connect: Connect) -> Iterator[Process]:
+    """Prepares this process and thread for real time, then opens state folder, event log and control socket
+    of a daemon for the length of a block; gives the Process, with which the block opens the network
+    (`connect`) and the devices. A signal stops the runtime. The event log gets the start, and the end with
+    its cause.
 
-    The process is settled before a device is opened: it would hear nothing of us meanwhile. The control
-    socket is open before the network: a stop needs no connection. Once the transport is open, every thread is
-    ahead of the machine's other work, below the loop (docs/decisions/0008).
+    The process is prepared before a device is opened, which would hear nothing of us meanwhile. The control
+    socket is open before the network: a stop needs no connection.
 
     Raises:
         ConfigurationError: the folder is in use, or a file can not be used.
@@ -307,7 +308,7 @@ def _process(settings: DaemonSettings, host: Host | None, connect: Connect) -> I
 
 
 class SessionWatch:
-    """Watch over the sessions of a master's axes; says when one is lost, and what is in the way."""
+    """Watches the sessions of a master's axes; prints when one is lost or open again, and why."""
 
     def __init__(
         self,
@@ -322,9 +323,9 @@ class SessionWatch:
         self._open = self._lost = False
 
     def look(self, now_ns: int) -> bool:
-        """Prints that a session is lost or open again, and every 5 s why one is missing; True when every axis
-        has one. Sets `obstacle` of the missing ones to what a probe found. To be called many times a second.
-        ConfigurationError: the slave refuses, for the settings of both ends differ: waiting does not help.
+        """True when every axis has its session. Prints when one is lost or all are open again, and every 5 s
+        why the first is missing; sets the missing ones' `obstacle` to the cause that a probe found. To be
+        called many times a second. ConfigurationError: the slave refuses, for the settings of both differ.
         """
         missing = self._missing()
         if not missing:
@@ -344,10 +345,9 @@ class SessionWatch:
             axis.session.obstacle = self._watch.last_cause
         return False
 
-    async def opened(self, timeout_s: float | None) -> None:
+    async def wait_until_open(self, timeout_s: float | None) -> None:
         """Waits until every axis has its session, or the daemon is told to end; prints why not, as `look`.
-        EndpointError: not within `timeout_s` (None: no limit). ConfigurationError: the slave's settings
-        differ.
+        EndpointError: not within `timeout_s` (None: no limit). ConfigurationError: as `look`.
         """
         start_ns = self._runtime.clock.now_ns()
         while not self._runtime.stopping.is_set():
@@ -392,8 +392,8 @@ async def _until_end(
     look: Callable[[int], object],
     finished: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Calls `look` with the stamp every 50 ms until the daemon is to end: told to, `duration_s` from now is
-    over (None: no limit), or `finished()`.
+    """Waits until the daemon is to end: told to, `duration_s` from now over (None: no limit), or
+    `finished()`. Calls `look` with the stamp every 50 ms meanwhile.
     """
     start_ns = runtime.clock.now_ns()
     while not runtime.stopping.is_set():

@@ -96,9 +96,7 @@ def _diagnose(recording: Path, folder: Path) -> Diagnosis:
 
 
 def _lines(first: RunReport, diagnosis: Diagnosis, second: RunReport, out: Path, page: str) -> list[str]:
-    """Lines for the terminal: both runs, what was hidden and what was named, files, `page` (text on the
-    page), the next command.
-    """
+    """Lines for the terminal: both runs, what was hidden and named, files, `page` (as text), next command."""
     away = quantity(first.delay_s.p50, "s")
     hidden = (f"{name}: {', '.join(map(_value, values, values.values()))}" for name, values in HIDDEN.items())
     return [

@@ -42,7 +42,7 @@ class Stop:
             raise KeyboardInterrupt
 
     def polls(self, duration_s: float | None, every_s: float = 0.0) -> Iterator[None]:
-        """Yields every so often, until a signal came or the duration is over; 0: at once again."""
+        """Yields every `every_s` until a signal came or the duration is over (None: no limit)."""
         start_s = time.monotonic()
         while not self.wanted() and (duration_s is None or time.monotonic() - start_s < duration_s):
             yield
@@ -50,7 +50,9 @@ class Stop:
                 time.sleep(every_s)
 
     def handle(self, *_: object) -> None:
-        """Sets the flag and calls `on_signal`, or without one ends the process at a second signal."""
+        """Sets the flag and calls `on_signal`; without one a second signal ends the process. Ignores one
+        within 0.5 s after the first.
+        """
         now_s, again = time.monotonic(), self.first_s is not None
         if self.first_s is None:
             self.first_s = now_s
@@ -81,8 +83,9 @@ _stop = Stop()
 
 @contextmanager
 def signal_flag(on_signal: Callable[[], object] | None = None) -> Iterator[Stop]:
-    """Gives `Stop`, whose flag the first signal in the body sets; a second one ends the process at once. A
-    signal that the body did not ask for ends it after the outermost body, whose files are whole.
+    """Gives `Stop`, whose flag the first signal in the body sets; a second one ends the process at once. If
+    the body never asks for the flag, a signal ends the process after the outermost body, with its files
+    whole.
 
     Args:
         on_signal: called at each signal instead; no signal cuts such a body short. It is called wherever the

@@ -103,7 +103,7 @@ class Diagnosis:
         return self.details.diagnosis.causes
 
     def confirm(self, recording: Any, as_is: bool = False) -> "Confirmation":  # noqa: ANN401 - see `load`
-        """Holds the model against another recording of the bench, with its own zero and phases there.
+        """Tests the model on another recording of the bench, for which only zero and phases are fitted anew.
 
         Raises:
             RecordingError: that can not be diagnosed, or its units are not plausible (`as_is` asks nothing).
@@ -242,7 +242,8 @@ def diagnose_folder(
     model: str | Path | None = None,
     as_is: bool = False,
 ) -> Iterator[tuple[Path, Diagnosis | InputError]]:
-    """Each recording of a folder with its diagnosis, or with why it has none, in any order.
+    """Yields each recording file of a folder with its diagnosis, or the error that prevents one, in any
+    order.
 
     Args:
         folder: its files of `SUFFIXES` are diagnosed.
@@ -277,8 +278,8 @@ class Investigation:
     details: "Asked"
 
     def judge(self, answer: Any, as_is: bool = False) -> Diagnosis:  # noqa: ANN401 - see `load`
-        """Diagnoses the recording of the motion, and holds its model against the first one: `unexplained`
-        where it does not hold there.
+        """Diagnoses the recording of the motion and tests that model on the first recording; the verdict is
+        `unexplained` where the model fails there.
 
         Raises:
             RecordingError: it can not be diagnosed, or its units are not plausible (`as_is` asks nothing).

@@ -49,7 +49,8 @@ class Families(dict[str, Any]):
 
 
 class CellMetrics(Collector):
-    """Fed with payloads as they come; asked by Prometheus' client at each scrape, from a thread of its own.
+    """Keeps the newest messages of a cell, from `hear`, and gives them as metric families to Prometheus'
+    client, which calls `collect` at each scrape from a thread of its own.
 
     Attributes:
         malformed: payloads that were no message of their topic.
@@ -63,8 +64,8 @@ class CellMetrics(Collector):
         self._newest: dict[tuple[str, str], tuple[Message, int]] = {}
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        """Counts the messages of a payload by axis and topic, and keeps the newest state or loop timing; one
-        that can not be decoded counts in `malformed`. Ignores keys of no topic, and axes beyond `_MOST_AXES`.
+        """Counts the messages of a payload by axis and topic, and stores the newest state or loop timing; one
+        that can not be decoded counts in `malformed`. Ignores other keys, and every axis after the first 32.
         """
         parsed = parse_key(key)
         if parsed is None:

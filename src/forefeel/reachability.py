@@ -90,8 +90,7 @@ def reach(endpoint: str, identity: PartyFiles | None, other: str, timeout_s: flo
 
 def _shake_hands(plain: socket.socket, host: str, identity: PartyFiles, round_trip_s: float) -> float:
     """Does the TLS handshake as Zenoh does, with our authority, the host's name and our certificate, waits
-    0.2 s and two round trips for a refusal of ours, and closes; returns the handshake's duration in s.
-    OSError: it failed.
+    0.2 s and two round trips for a refusal of ours, and closes; returns the handshake's time. Raises OSError.
     """
     context = ssl.create_default_context(cafile=str(identity.authority))
     context.load_cert_chain(str(identity.certificate), str(identity.key))
@@ -107,9 +106,7 @@ def _shake_hands(plain: socket.socket, host: str, identity: PartyFiles, round_tr
 
 
 def _obstacle(error: Exception, where: str, other: str, connected: bool) -> Obstacle:
-    """Obstacle behind an error of connecting, and the remedy. `connected`: TCP was; `other`: who is expected
-    there.
-    """
+    """Obstacle behind an error of connecting, with remedy. `connected`: TCP was; `other`: expected there."""
     why = getattr(error, "reason", None) or getattr(error, "strerror", None) or error
     match error:
         case ssl.SSLCertVerificationError():
@@ -131,9 +128,7 @@ def _obstacle(error: Exception, where: str, other: str, connected: bool) -> Obst
 
 def probe_of(transport: TransportSettings, party: Party, other: str) -> Probe:
     """Makes a function that tries each endpoint of `transport.connect` and returns the obstacles; it blocks.
-    `other`: who is expected there, in a word.
-
-    `party`: whose certificates ours are, which are read now, once, as a session does.
+    Reads our certificates, those of `party`, now, once, as a session does. `other`: who is expected there.
 
     Raises:
         ConfigurationError: a file of `transport.pki` is missing or not what it should be.
@@ -189,9 +184,9 @@ class AnswerWatch:
         self.last_cause = ""
 
     def look(self, now_ns: int, known: str = "") -> None:
-        """Reports every 5 s, first after 5 s, why there is no answer: `known`, if the cause is known without
-        a probe, else the result of a probe, once that is done. Sets `last_cause`. To be called many times a
-        second.
+        """Reports every 5 s, first after 5 s, why there is no answer: `known`, the cause if one is known
+        without a probe, else the result of a probe that it starts, once that is done. Sets `last_cause` to
+        the latter, empty where `known` is given. To be called many times a second.
         """
         if self._since_ns is None:
             self._since_ns, self._due_ns = now_ns, now_ns + _EVERY_NS

@@ -40,7 +40,7 @@ _FLUSH_ROUNDS = 10  # between two flushes: a host without power loses a second
 
 
 class Recorder:
-    """Records one cell to an MCAP file from `start` to `close`.
+    """Records one cell to an MCAP file, from when it is made until `close`.
 
     Attributes:
         newest: newest payload of each key, for whoever shows progress.
@@ -145,7 +145,7 @@ class Recorder:
 
     def _write_batch(self) -> None:
         """Writes the messages of every queued payload; skips topics that are not recorded, counts malformed
-        ones.
+        payloads. Adds a line to `silences` for a gap between two states of an end.
         """
         for key, payload, receive_ns in self._queue.drain():
             parsed = parse_key(key)

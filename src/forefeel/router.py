@@ -50,9 +50,7 @@ def run_router(settings: RouterSettings, duration_s: float | None = None, insecu
 
 
 def _greet(settings: RouterSettings, notice: str) -> None:
-    """Prints the notice, if any, endpoints, certificates and cells of the router, and what the daemons need
-    to set.
-    """
+    """Prints the notice, if any, endpoints, certificates, cells, and what the daemons need to set."""
     if notice:
         say(f"router: {notice}")
     transport = settings.transport

@@ -154,9 +154,7 @@ def console(stream: IO[str]) -> "Console":
 
 
 def table(*columns: str, title: str | None = None, right: Sequence[str] = ()) -> "Table":
-    """Makes an empty table for stdout. `right`: columns of numbers, aligned right, cut off by an ellipsis;
-    texts wrap.
-    """
+    """Makes an empty table for stdout. `right`: columns of numbers, aligned right and cut off; texts wrap."""
     from rich import box  # noqa: PLC0415 - as in `console`
     from rich.table import Table  # noqa: PLC0415
 

@@ -60,7 +60,7 @@ class SteppedTime(VirtualClock):
         return (self.now_ns() - _START_NS) * 1e-9
 
     def sleep_until_ns(self, deadline_ns: int) -> None:
-        """Steps the conversations until then; only the devices live while a conversation itself waits."""
+        """Advances to that stamp, with devices and conversations; in a conversation with devices alone."""
         while not self._in_step and self.now_ns() < deadline_ns:
             self._advance(deadline_ns)
         self._live_until(deadline_ns)
@@ -76,7 +76,7 @@ class SteppedTime(VirtualClock):
             self._advance(self.now_ns() + self._step_ns)
 
     def host_hangs(self, seconds: float) -> None:
-        """Lets only the devices and the control loop live."""
+        """Advances the time with devices and control loop, but without the conversations of drivers."""
         self._live_until(self.now_ns() + round(seconds * 1e9))
 
     def _live_until(self, deadline_ns: int) -> None:
@@ -89,9 +89,8 @@ class SteppedTime(VirtualClock):
             self.tick(self.now_ns())
 
     def _advance(self, until_ns: int) -> None:
-        """Lets time pass until the next step of a driver's conversation is due, and makes that one step;
-        passes until `until_ns` if none is due by then. Notes when the conversation is due again, or drops it
-        at its end.
+        """Lets time pass until the next step of a driver's conversation is due, by `until_ns` at most, and
+        makes that one step. Notes when the conversation is due again, or drops it at its end.
         """
         due_ns, talks = min(((due, talks) for talks, due in self._due_ns.items()), key=lambda pair: pair[0],
                             default=(until_ns + 1, None))  # fmt: skip
@@ -111,14 +110,14 @@ class SteppedTime(VirtualClock):
     # --- in the place of threads ---
 
     def begin(self, conversation: Conversation, timeout_s: float) -> None:
-        """Steps a conversation until its first handshake is done."""
+        """Registers a conversation and steps until its first handshake is done, or the timeout over."""
         end_ns = self.now_ns() + round(timeout_s * 1e9)
         self._due_ns[conversation] = self.now_ns()
         while not conversation.settled and self.now_ns() < end_ns:
             self._advance(end_ns)
 
     def end(self, conversation: Conversation) -> None:
-        """Steps a conversation that is to stop to its end."""
+        """Steps until a conversation that was told to stop has ended; returns at once if it has."""
         if conversation in self._due_ns:
             self._due_ns[conversation] = min(self.now_ns(), self._due_ns[conversation])
         while conversation in self._due_ns:
@@ -261,6 +260,7 @@ def stepped(step_ns: int = 1_000_000) -> Iterator[SteppedTime]:
         line.opened, stream.name, stream.timeout_s, stream.line = True, settings.port, timeout_s, line
 
     def open_bus(settings: CanSettings) -> can.BusABC:
+        """Joins the bus of that channel in memory. DeviceSetupError: no emulated device is on it."""
         if all(bus.channel != settings.channel for bus in time.buses):
             raise DeviceSetupError(
                 f"{settings.channel}: no such port; expected one that `forefeel devices` lists"
@@ -351,8 +351,8 @@ class EmulatedBench:
 
 
 def connect(time: SteppedTime, device: Any) -> None:  # noqa: ANN401 - what has `step`
-    """Has an emulated device without serial port make its `step` at each step of the time, and one on a CAN
-    bus at each frame, too.
+    """Has an emulated device without serial port called (its `step`) at each step of the time, and one on a
+    CAN bus when frames wait for it, too.
     """
 
     def step(_t_s: float = 0.0) -> None:
@@ -385,9 +385,7 @@ class DriverContract:
         return [device.read(bench.time.now_ns())]
 
     def test_open_connects_and_close_is_idempotent(self, bench: EmulatedBench) -> None:
-        """Requires READY of the link after `open`, no error at a second `close`, and ForefeelError at a read
-        after.
-        """
+        """Requires READY after `open`, no error at a second `close`, and ForefeelError at a read after."""
         device = bench.make()
         device.open()
         assert device.link.state is LinkState.READY
@@ -561,9 +559,7 @@ class HandleContract(DriverContract):
     force_n: ClassVar[float] = 0.3
 
     def test_rendered_force_is_that_which_was_asked(self, bench: EmulatedBench) -> None:
-        """Requires that `render`, called for 0.1 s, gives a force above 0 N, and not above the one that was
-        asked.
-        """
+        """Requires that `render`, called for 0.1 s, gives a force above 0 N and not above the one asked."""
         applied_n: list[float] = []
         with bench.opened() as handle:
             bench.time.tick = lambda now_ns: applied_n.append(handle.render(self.force_n, now_ns))

@@ -19,7 +19,7 @@ from forefeel.common.transport.memory import MemoryBus
 from forefeel.devices.servo.driver import POSITION
 from forefeel.estop.network import Stopper
 from forefeel.ros import cdr
-from forefeel.ros.bridge import Commands, Node, Readers, RosOptions
+from forefeel.ros.bridge import Commands, Node, ReaderWatch, RosOptions
 from forefeel.ros.crtk import RosFeed, Send, Take, ros_name
 from tests.messages import haptics, usual
 from tests.network import Traffic
@@ -172,11 +172,11 @@ def test_a_wire_that_nobody_reads_is_named_after_5_s_and_each_minute(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     wire = Wire()
-    readers = Readers([wire], 0)
+    readers = ReaderWatch([wire], 0)
     for second in range(121):
         wire.number = int(70 <= second < 80)
         wire.news = ["too much asked"] if second == 75 else []
-        readers.look(second * S)
+        readers.report(second * S)
     lines = capsys.readouterr().err.splitlines()
     assert lines == [*["ros: nobody reads"] * 2, "ros: too much asked", "ros: nobody reads"]  # at 5, 65, 84 s
 

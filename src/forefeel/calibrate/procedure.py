@@ -233,8 +233,8 @@ def _homed(
     clock: SleepingClock | None,
     binds: bool = True,
 ) -> Iterator[Homing]:
-    """Context of a stage that has homed, after a yes to `intent`; where it `binds`, not without a serial
-    number. Raises as `run_stage`.
+    """Connects a stage, not beside a running slave, asks for consent to `intent`, homes it, and gives it to
+    the block, at whose end it stops. `binds`: it needs a serial number. Raises as `run_stage`.
     """
     with (
         signal_flag(break_off),

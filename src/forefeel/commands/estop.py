@@ -12,9 +12,7 @@ from forefeel.estop import command as stops
 
 
 def _typer_command(parser: OptionParser, act: Callable[..., None]) -> Callable[..., None]:
-    """Makes a function for typer that has each option of `parser` as a keyword of its signature, and calls
-    `act` with all of them.
-    """
+    """Makes a function for typer with each option of `parser` as a keyword, which calls `act` with all."""
 
     def command(**options: object) -> None:
         act(**options)

@@ -149,7 +149,7 @@ class StopButton:
         stopper = self._stopper
         stopper.reason = f"page, from {asked.client.host if asked.client else 'unknown'}"
         for _ in range(round(FOR_S / EVERY_S)):
-            stopper.say(self._clock.now_ns())  # once in any case: what was heard may be of an earlier run
+            stopper.publish(self._clock.now_ns())  # once in any case: what was heard may be of an earlier run
             await asyncio.sleep(EVERY_S)
             states = stopper.outcome()
             running = [axis for axis, state in states.items() if state != SafetyState.ESTOPPED.value]

@@ -247,8 +247,8 @@ def check_devices(settings: DaemonSettings, process: int | None, host: HostProbe
 
 
 def check_latch(settings: DaemonSettings, latched: Mapping[str, str]) -> Iterator[Finding]:
-    """Lists what keeps an axis of the slave stopped, red; of other load cells that nothing here tells their
-    sign.
+    """Yields a red finding for each axis with a latched stop or fault; for any other axis of a slave with a
+    hardware load cell a green one, that its sign can not be checked without a motion.
     """
     for name, reason in latched.items():
         advice = "mend that; then, while the slave runs, forefeel clear --config FILE"
@@ -262,7 +262,7 @@ def check_latch(settings: DaemonSettings, latched: Mapping[str, str]) -> Iterato
 
 
 def check_caveats(settings: DaemonSettings) -> Iterator[Finding]:
-    """Lists what is simulated, uncalibrated or relaxed beside hardware."""
+    """Yields an amber finding for each simulated, uncalibrated or relaxed thing of an axis with hardware."""
     for axis in settings.axes:
         for caveat in axis.caveats if any(device.hardware for device in axis.sections.values()) else ():
             advice = "name a device, calibrate it, drop it from unsafe; or mean it so"
@@ -291,7 +291,9 @@ def _judged_device(device: ConfiguredDevice, probed: Probed) -> Finding:
 
 
 def check_force_limit(settings: DaemonSettings) -> Iterator[Finding]:
-    """States for which speed, wall, cell and stage the force limit of each slave's axis holds."""
+    """Yields a finding for each axis of a slave: for which speed, wall, cell and stage its force limit holds;
+    red where it leaves too little speed.
+    """
     for axis in settings.axes if isinstance(settings, SlaveSettings) else ():
         reaction = axis.reaction()
         level: Level = "red" if open_speed_m_s(axis.limits, reaction) < LEAST_M_S else "green"

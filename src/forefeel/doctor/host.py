@@ -72,6 +72,8 @@ class Disk:
 
 
 class HostProbe:
+    """Probes of this host that the checks call."""
+
     def now(self) -> datetime:
         return now_utc()
 

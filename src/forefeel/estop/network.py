@@ -38,10 +38,10 @@ def all_stopped(states: Mapping[str, str]) -> bool:
 
 @dataclass
 class Stopper:
-    """Publishes the stop for the named axes, or for every axis that is heard.
+    """Publishes the stop for the named axes, or for every axis that is heard, and collects the states.
 
-    `listens`: to the slaves itself; else its owner passes on what it receives. `news`: an axis has another
-    state than before.
+    `listens`: where no axis is named it subscribes to all states; else its owner passes them to `hear`.
+    `news`: set when an axis has another state than before.
     """
 
     transport: Transport
@@ -79,7 +79,7 @@ class Stopper:
             self.states[parsed[1]] = state
             self.news.set()
 
-    def say(self, now_ns: int) -> None:
+    def publish(self, now_ns: int) -> None:
         """Publishes the stop once to each named axis, or to each that was heard where none is named."""
         for axis in self.axes or tuple(self.states):
             if axis not in self._publishers:
@@ -90,7 +90,7 @@ class Stopper:
             publisher.send(EmergencyStop(**header, source=self.source, reason=self.reason))
 
     def outcome(self) -> dict[str, str]:
-        """State by axis; one that is heard without being named counts, too: a stop stops the cell."""
+        """State by axis, `not heard` for a named one without any; axes that are not named count, too."""
         return {**dict.fromkeys(self.axes, "not heard"), **self.states}
 
 
@@ -126,7 +126,7 @@ def stop_over_network(sender: StopSender, axes: tuple[str, ...], reason: str) ->
         source = "".join(c if c.isascii() and (c.isalnum() or c in "_.-") else "-" for c in host)[:64]
         stopper, start_s = Stopper(opened, cell, axes, source, reason[:256]), time.monotonic()
         while True:
-            stopper.say(clock.now_ns())
+            stopper.publish(clock.now_ns())
             if stopper.news.wait(EVERY_S):
                 stopper.news.clear()
             outcome = stopper.outcome()

@@ -177,7 +177,7 @@ def make_plan(options: LoopbackOptions) -> Plan:
         InputError: an option out of range, or not beside another; an unknown preset, or a file that can not
             be used.
     """
-    _check(options)
+    _check_options(options)
     slave_axis, master_axis = _axes(options)
     duration_s: float | None
     duration_s = expected_s = options.duration_s or DEFAULT_DURATION_S
@@ -218,9 +218,9 @@ def make_plan(options: LoopbackOptions) -> Plan:
     )
 
 
-def _check(options: LoopbackOptions) -> None:
-    """Raises ConfigurationError: unknown impairment or preset, duration out of range, a file as
-    `--prior-dir`, or `--patient` or `--accept-prior` without it.
+def _check_options(options: LoopbackOptions) -> None:
+    """Raises ConfigurationError: unknown impairment or preset, `--preset` or `--slave-model` beside
+    `--world`, duration out of range, a file as `--prior-dir`, `--patient` or `--accept-prior` without it.
     """
     if options.impairment not in PRESETS:
         raise ConfigurationError(f"--impairment {options.impairment!r}: expected one of {', '.join(PRESETS)}")
@@ -239,8 +239,8 @@ def _check(options: LoopbackOptions) -> None:
 
 
 def _axes(options: LoopbackOptions) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Settings, as mappings, of the slave's and the master's axis, from the preset: simulated world, force
-    limit, synthetic operator, and the scale of the force to the hand.
+    """Settings, as mappings, of the slave's and the master's axis, from preset or `--world`: simulated world,
+    limits, synthetic operator, and the scale of the force to the hand.
     """
     preset = options.preset or _DEFAULT_PRESET
     limits = {"max_force_n": _WORLD_MAX_N[preset]}
@@ -331,9 +331,7 @@ def _source(options: LoopbackOptions) -> dict[str, Any]:
 
 
 def _refuse_world_options(options: LoopbackOptions) -> None:
-    """Raises ConfigurationError for `--preset`, `--slave-model`, `--hide` or `--prior-dir`: the recorded
-    forces take the place of a simulated instrument.
-    """
+    """Raises ConfigurationError for an option of the simulated instrument: recorded forces take its place."""
     for option, value in (
         ("--preset", options.preset),
         ("--world", options.world),
@@ -386,9 +384,9 @@ def _play_force(
     slave_axis: dict[str, Any],
     master_axis: dict[str, Any],
 ) -> list[str]:
-    """Changes the settings of both axes, in place: the load cell plays the recorded force, turned so that it
-    resists insertion, without timeout, and the hand gets it scaled to `HAND_MAX_N` at most. Returns notes for
-    the user.
+    """Changes the settings of both axes, in place, so that the load cell plays the recorded force, turned to
+    resist insertion, without timeout, and the hand gets it scaled to `HAND_MAX_N` at most. Returns notes for
+    the user. `source`: settings of the load cell that name the recording; only read.
     """
     sign = resisting_sign(recording)
     slave_axis["load_cell"] = {"driver": "recorded", "force_sign": sign, **source}

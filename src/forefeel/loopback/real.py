@@ -106,11 +106,11 @@ def _start_device(device: ChildProcess, stop: Stop) -> None:
 def _watch(
     slave: ChildProcess, master: ChildProcess, recorder: "Recorder", plan: Plan, show: Show, stop: Stop
 ) -> None:
-    """Shows s done and the slave's state until the master ends by itself, and waits until the slave has
-    received its release, 1 s at most: else it would count a stop. KeyboardInterrupt: a signal came. RunError:
-    recording failed, no session within `_START_S`, or the slave ended; InputError: with code 2.
+    """Shows the seconds done and the slave's state until the master ends by itself, then waits until the
+    slave follows no more, 1 s at most: else it would count a stop. KeyboardInterrupt: a signal came.
+    RunError: recording failed, no session within `_START_S`, or the slave ended; InputError: it did with code
+    2.
     """
-
     start_s, ready_s = time.monotonic(), None
     while master.running and slave.running:
         stop.check()

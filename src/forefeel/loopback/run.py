@@ -53,7 +53,7 @@ def run_loopback(
 
 
 def judge(report: "RunReport") -> None:
-    """Warns where this host was too slow.
+    """Prints warnings of faults of the slave and of a host too slow for 1 kHz, if any.
 
     Raises:
         RunError: the slave was never armed.
@@ -69,8 +69,8 @@ def recorded_run(
     options: LoopbackOptions, folder: Path, viewer: DashboardProcess, overwrite: bool, virtual: bool = False
 ) -> "RunReport":
     """Plans, runs, and writes recording and report into the folder, where it deletes the files of an earlier
-    run; returns the report, prints notes but not the ten lines. Raises as `run_loopback`, but for the arming.
-    Only the end imports what it needs alone. An interrupted run leaves its recording, too.
+    run, if it may `overwrite`; returns the report, prints notes but not the ten lines. Raises as
+    `run_loopback`, but not where the slave was never armed. An interrupted run leaves its recording, too.
     """
     with ends_in_order("loopback", folder) as written:
         check_hardware(options.hardware, options.recording is not None, virtual)

@@ -62,7 +62,7 @@ class DashboardProcess(ChildProcess):
             say(f"dashboard: {getattr(error, 'strerror', None) or error}")
 
     def show(self, scene: Scene, last: bool = False) -> None:
-        """Shows that scene from now on; after the last one no other can follow."""
+        """Sends the page that scene, if it runs, and stores it as `scene`; after the `last` none follows."""
         self.scene = scene
         self.write(scene.model_dump_json(), last)
 

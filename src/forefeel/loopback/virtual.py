@@ -71,9 +71,7 @@ class VirtualLoopback:
         self._ended = True
 
     def _come_to_rest(self) -> None:
-        """Shuts the master down, and the slave once it is at rest, 1 s of virtual time later at most; closes
-        both.
-        """
+        """Shuts the master down, then the slave, at rest or after 1 s of virtual time; closes both."""
         self.master.shut_down()
         self.runtime.run(_SECOND_NS, lambda _now_ns: not self.slave.at_rest)
         self.slave.shut_down()

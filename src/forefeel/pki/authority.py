@@ -34,7 +34,7 @@ class Authority:
         key = new_key()
         name, identifier = _name(AUTHORITY_NAME), x509.SubjectKeyIdentifier.from_public_key(key.public_key())
         builder = (
-            _begun(name, name, key.public_key(), now, now + timedelta(days=AUTHORITY_DAYS), identifier)
+            _unsigned(name, name, key.public_key(), now, now + timedelta(days=AUTHORITY_DAYS), identifier)
             .add_extension(x509.BasicConstraints(ca=True, path_length=0), critical=True)
             .add_extension(_usage(signs_certificates=True), critical=True)
         )
@@ -57,7 +57,7 @@ class Authority:
         names = [_general_name(host) for host in dict.fromkeys([*hosts, *_THIS_HOST])]
         purposes = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
         builder = (
-            _begun(_name(name), self.certificate.subject, public_key, now, end, identifier)
+            _unsigned(_name(name), self.certificate.subject, public_key, now, end, identifier)
             .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
             .add_extension(_usage(signs_certificates=False), critical=True)
             .add_extension(x509.ExtendedKeyUsage(purposes), critical=False)
@@ -82,9 +82,7 @@ def certificate_pem(certificate: x509.Certificate) -> bytes:
 
 
 def hosts_of(certificate: x509.Certificate) -> tuple[str, ...]:
-    """Names and addresses in a certificate without `_THIS_HOST` (localhost and its addresses); empty where it
-    has none.
-    """
+    """Names and addresses in a certificate but for localhost and its addresses; maybe none."""
     try:
         alternatives = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except x509.ExtensionNotFound:
@@ -93,7 +91,7 @@ def hosts_of(certificate: x509.Certificate) -> tuple[str, ...]:
     return tuple(name for name in names if name not in _THIS_HOST)
 
 
-def _begun(
+def _unsigned(
     subject: x509.Name,
     issuer: x509.Name,
     public_key: PublicKey,
@@ -123,9 +121,7 @@ def _name(common_name: str) -> x509.Name:
 
 
 def _usage(signs_certificates: bool) -> x509.KeyUsage:
-    """Extension that allows a key to sign certificates and revocation lists, or, if not `signs_certificates`,
-    digital signatures alone.
-    """
+    """Extension that allows a key to sign certificates and revocation lists, or else signatures alone."""
     return x509.KeyUsage(
         digital_signature=not signs_certificates,
         content_commitment=False,

@@ -186,9 +186,7 @@ def _row(folder: Path, path: Path, party: Party | None, now: datetime) -> Certif
 
 
 def router_file(cells: Sequence[str]) -> str:
-    """Text of zenohd's configuration, router.json5, for a router of those cells: TLS, and the access rules of
-    the topic table.
-    """
+    """Text of router.json5 for zenohd, a router of those cells: TLS, and the topic table's access rules."""
     files = PartyFiles(ON_THE_HOST / AUTHORITY, ON_THE_HOST / "router.crt", ON_THE_HOST / "router.key")
     listen = {"mode": "router", "listen/endpoints": ["tls/0.0.0.0:7447"]}
     tree: dict[str, Any] = {}
@@ -207,9 +205,7 @@ def _place(party: Party) -> str:
 
 
 def _party(certificate: x509.Certificate) -> Party | None:
-    """The party that the certificate's common name stands for, a router's without cells; None: no party of
-    ours.
-    """
+    """Party that the certificate's common name stands for, a router's without cells; None: none of ours."""
     names = certificate.subject.get_attributes_for_oid(x509.NameOID.COMMON_NAME)
     name = str(names[0].value) if names else ""
     if name == Party("router", ()).name:
@@ -219,9 +215,7 @@ def _party(certificate: x509.Certificate) -> Party | None:
 
 
 def _checked_cells(cells: Sequence[str]) -> tuple[str, ...]:
-    """Returns the cells as they are. ConfigurationError: none, one twice, or a name that can not be used,
-    such as `router`.
-    """
+    """Returns the cells. ConfigurationError: none, one twice, or a name that can not be used, as `router`."""
     for cell in cells:
         if not _CELL.fullmatch(cell) or cell == "router":
             raise ConfigurationError(
@@ -259,9 +253,7 @@ def _parsed_hosts(
 
 
 def _host(name: str, where: str) -> str:
-    """Host name, or address in its usual form without brackets; ConfigurationError, which quotes `where`:
-    neither.
-    """
+    """Host name, or address in its usual form. ConfigurationError, with `where`: neither."""
     bare = name.strip("[]")
     try:
         return str(ipaddress.ip_address(bare))

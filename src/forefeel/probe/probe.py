@@ -211,7 +211,7 @@ def _facts(probed: Probed) -> Iterator[str]:
 
 
 def _raise_worst(results: list[Probed]) -> None:
-    """Raises InputError with every refusal (exit 2: the configuration), else RunError with every failure."""
+    """Raises InputError with all refusals (exit 2: settings), else RunError with all failures, if any."""
     for verdict, kind in (("refused", InputError), ("failed", RunError)):
         bad = [result for result in results if result.verdict == verdict]
         if bad:

@@ -79,6 +79,9 @@ class Commands:
         self._refusals: Counter[tuple[str, str]] = Counter()
 
     def state_command(self, axis: str, payload: bytes, _writer: bytes) -> None:
+        """Takes a state command: `pause` requests a stop of the cell, which `repeat_stop` publishes, and is
+        printed; any other, or a malformed one, is refused.
+        """
         try:
             command = read_string_stamped(payload)
         except CodecError as error:
@@ -93,10 +96,12 @@ class Commands:
         say(f"ros: {axis}: pause: the cell stops")
 
     def repeat_stop(self, now_ns: int) -> None:
-        """Publishes a stop that is wanted, and prints its outcome; to be called every `EVERY_S`."""
+        """Publishes the stop, if one is wanted, and prints its outcome once all axes confirm it or 2 s have
+        gone, which ends it; to be called every `EVERY_S`.
+        """
         if not self.stop_until_ns:
             return
-        self._stopper.say(now_ns)
+        self._stopper.publish(now_ns)
         outcome = self._stopper.outcome()
         states = ", ".join(f"{axis} {state}" for axis, state in outcome.items()) or "no slave heard"
         if all_stopped(outcome):
@@ -108,8 +113,8 @@ class Commands:
         self.stop_until_ns = 0
 
     def servo_jp(self, axis: str, payload: bytes, writer: bytes) -> None:
-        """Hands a position on to the socket of the axis' handle. Of two nodes the first one moves the hand,
-        until it is silent for 1 s.
+        """Sends a position to the socket of the axis' handle. Refuses a malformed one, one without a handle,
+        and those of a second node until the first has been silent for 1 s.
         """
         now_ns = self._clock.now_ns()
         newest = self._writers.get(axis, (writer, 0))
@@ -128,20 +133,23 @@ class Commands:
             self._writers[axis] = writer, now_ns
 
     def _refuse(self, axis: str, topic: str, why: str) -> None:
-        """Prints why a command is refused: the first of a topic, and then at each power of ten."""
+        """Counts a refused command and prints why: the first of an axis and topic, then each power of ten."""
         self._refusals[axis, topic] += 1
         number = self._refusals[axis, topic]
         if str(number).rstrip("0") == "1":
             say(f"ros: {axis}: {topic} refused ({number}): {why}")
 
 
-class Readers:
-    """Prints which wire nobody reads, 5 s after the start and each minute, and the remarks of the wires."""
+class ReaderWatch:
+    """Watches the wires for ROS nodes that read them, from the start at `now_ns` on."""
 
     def __init__(self, wires: Sequence[RosWire], now_ns: int) -> None:
         self._due_ns = dict.fromkeys(wires, now_ns + _SILENCE_NS)
 
-    def look(self, now_ns: int) -> None:
+    def report(self, now_ns: int) -> None:
+        """Prints the new remarks of each wire, and that nobody reads it: 5 s after the start or the last
+        reader, then each minute.
+        """
         for wire, due_ns in self._due_ns.items():
             number = wire.readers()
             for remark in wire.remarks():
@@ -169,11 +177,13 @@ class Node:
         self.commands = Commands(stopper, options.servo, clock)
         self.feed = RosFeed(cell, options.rate_hz, self._epoch_ns, self._advertise)
         self._send_diagnostics = self._advertise(DIAGNOSTICS, DIAGNOSTIC_ARRAY)
-        self._readers, self._due_ns = Readers(wires, clock.now_ns()), 0
+        self._readers, self._due_ns = ReaderWatch(wires, clock.now_ns()), 0
         self._servo_due_ns: int | None = clock.now_ns() + _SILENCE_NS
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        """Sends what is due of a payload; at the first one of an axis subscribes to its commands."""
+        """Publishes the ROS messages of a payload that are due, and passes it to the stopper. At the first
+        one of an axis subscribes to its commands, if the options accept any.
+        """
         known = len(self.feed.axes)
         self.feed.hear(key, payload, receive_ns)
         self._stopper.hear(key, payload, receive_ns)
@@ -181,18 +191,20 @@ class Node:
             self._accept(self.feed.axes[-1])
 
     def look(self, now_ns: int) -> None:
-        """Repeats a stop that is wanted; once a second sends the diagnostics and looks at the readers."""
+        """Repeats a stop that is wanted; each second publishes the diagnostics and reports missing readers.
+        Checks the options' handles once, when an axis is heard, after 5 s at the earliest.
+        """
         self.commands.repeat_stop(now_ns)
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + _LOOK_NS
-            self._readers.look(now_ns)
+            self._readers.report(now_ns)
             self._send_diagnostics(self.feed.diagnostics(now_ns), self._epoch_ns(now_ns))
         if self._servo_due_ns is not None and now_ns >= self._servo_due_ns and self.feed.axes:
             self._servo_due_ns = None
-            self._look_at_servo()
+            self._check_servo()
 
-    def _look_at_servo(self) -> None:
-        """Prints which handle of the options is none: an axis that is not heard, or no socket."""
+    def _check_servo(self) -> None:
+        """Prints each handle of the options whose axis is not heard, or that has no socket."""
         for axis, path in self._options.servo.items():
             if axis not in self.feed.axes:
                 say(f"ros: --servo {axis}: no such axis is heard; expected {' or '.join(self.feed.axes)}")
@@ -200,6 +212,7 @@ class Node:
                 say(f"ros: {axis}: no handle at {path}; expected handle.socket of a master on this host")
 
     def _advertise(self, topic: str, kind: RosType) -> Send:
+        """Makes a publisher of the topic on every wire; returns a function that counts and sends on all."""
         sends = [wire.publisher(topic, kind) for wire in self._wires]
 
         def send(payload: bytes, stamp_ns: int) -> None:
@@ -210,7 +223,9 @@ class Node:
         return send
 
     def _accept(self, axis: str) -> None:
-        """Subscribes to the commands of an axis."""
+        """Subscribes on every wire to the state command of an axis and, if the options name a handle for it,
+        to its positions; prints that.
+        """
         takers: dict[str, tuple[RosType, Callable[[str, bytes, bytes], None]]]
         takers = {STATE_COMMAND: (STRING_STAMPED, self.commands.state_command)}
         if axis in self._options.servo:
@@ -225,7 +240,7 @@ class Node:
 
 
 @contextmanager
-def _opened(options: RosOptions, insecure: bool) -> Iterator[list[RosWire]]:
+def _opened_wires(options: RosOptions, insecure: bool) -> Iterator[list[RosWire]]:
     """Opens the wires that are asked for, and prints their notices; closes them at the end."""
     wires: list[RosWire] = []
     try:
@@ -258,7 +273,7 @@ def run_ros(
     clock, failed = MonotonicClock(), list[Exception]()
     party, cell = Party("viewer", (settings.cell,)), settings.cell
     opening = partial(ZenohTransport.open, settings.transport, clock, failed.append, party, insecure=insecure)
-    with signal_flag() as stop, _opened(options, insecure) as wires, closing(opening()) as transport:
+    with signal_flag() as stop, _opened_wires(options, insecure) as wires, closing(opening()) as transport:
         stopper = Stopper(transport, cell, (), "ros", "", listens=False)
         node = Node(wires, cell, options, stopper, clock)
         transport.subscribe_all(f"forefeel/{cell}", node.hear)

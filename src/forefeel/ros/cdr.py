@@ -72,6 +72,8 @@ def _form(codes: str) -> tuple[struct.Struct, int]:
 
 
 class _Writer:
+    """Builds the CDR bytes of a message, its header first; `done` returns them."""
+
     def __init__(self, header: RosHeader) -> None:
         self._bytes = bytearray()
         seconds, nanoseconds = divmod(header.stamp_ns, _NS_PER_S)
@@ -136,6 +138,7 @@ class _Reader:
         self.text()
 
     def take(self, codes: str) -> tuple[float, ...]:
+        """Reads primitives of one size. CodecError: the bytes end before."""
         form, size = _form(codes)
         self._at += -self._at % size
         try:

@@ -78,8 +78,8 @@ def ros_name(cell: str, axis: str, topic: str) -> str:
 
 
 class RosFeed:
-    """Turns what is received of a cell into ROS messages: what comes in batches at `rate_hz`, each message
-    with the stamp of its tick; of what comes alone each.
+    """Publishes what is received of a cell as ROS messages, with the stamps of their ticks: of a topic that
+    comes in batches only `rate_hz` messages a second, of the others every one.
 
     Attributes:
         states: newest state of each axis, with its receive stamp.
@@ -99,8 +99,9 @@ class RosFeed:
         return tuple(self._rows)
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        """Sends the messages of a payload that are due, at the first one of an axis advertises its topics.
-        Ignores what can not be decoded, other topics, and axes beyond `_MOST_AXES`.
+        """Publishes the messages of a payload that are due and stores the slave's newest state; at the first
+        payload of an axis advertises its topics. Ignores what can not be decoded, other topics, and every
+        axis after the first 32.
         """
         parsed = parse_key(key)
         if parsed is None or parsed[2].name not in _SOURCES:
@@ -127,8 +128,8 @@ class RosFeed:
                     send(encoded, stamp_ns)
 
     def _due(self, axis: str, topic: Topic[Any], payload: bytes, receive_ns: int) -> list[tuple[Any, int]]:
-        """Each `step`-th message of what is received of a topic, whatever its batches hold, with its stamp;
-        `first`: place of the next one in a batch. Raises CodecError.
+        """Messages of a payload that are to be published, with their stamps: of a batched topic every n-th,
+        counted on from batch to batch, for `rate_hz`; of another all. Raises CodecError.
         """
         step = max(1, round((topic.rate_hz or 1.0) / self._rate_hz)) if topic.batched else 1
         number, first = counted(payload), self._first.get((axis, topic.name), 0)
@@ -137,9 +138,7 @@ class RosFeed:
         return received if (number - 1 - first) % step == 0 else received[:-1]
 
     def diagnostics(self, now_ns: int) -> bytes:
-        """DiagnosticArray with a status for each axis: error in FAULT and ESTOPPED, a warning above the force
-        limit or near a load, stale once no state has come for as long as a state is valid.
-        """
+        """DiagnosticArray with the status of each axis that has sent a state."""
         return cdr.diagnostic_array(
             self._epoch_ns(now_ns),
             [
@@ -150,6 +149,9 @@ class RosFeed:
 
 
 def _status(cell: str, axis: str, state: SlaveState, stale: bool) -> cdr.DiagnosticStatus:
+    """Status of an axis, at the first level that holds: stale, error in FAULT and ESTOPPED, warning above the
+    force limit or near a load, ok.
+    """
     stopped = state.state in {SafetyState.FAULT, SafetyState.ESTOPPED}
     level = 3 if stale else 2 if stopped else int(state.over_limit or state.near_load is not None)
     values = {

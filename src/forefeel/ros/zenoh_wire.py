@@ -47,7 +47,7 @@ class ZenohWire:
         )
 
     def publisher(self, topic: str, kind: RosType) -> Send:
-        """Declares a publisher with its token."""
+        """Declares a publisher with its token; returns the function that sends CDR bytes by it."""
         key, token = self._entity("MP", topic, kind)
         self._topics[_mangled(topic)] = self._hash(kind)
         publisher = self._session.declare_publisher(
@@ -74,7 +74,9 @@ class ZenohWire:
         self._declared.append(self._session.declare_subscriber(key, receive))
 
     def readers(self) -> int:
-        """Number of subscriptions, in the whole graph, to topics of ours, with the type that we send."""
+        """Takes in the tokens that came or went; returns the number of subscriptions in the graph to topics
+        of ours, with the type that we send.
+        """
         while (sample := self._tokens.try_recv()) is not None:
             token = str(sample.key_expr)
             if sample.kind == zenoh.SampleKind.DELETE:

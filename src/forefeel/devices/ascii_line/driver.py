@@ -107,8 +107,8 @@ class AsciiCell(Cell):
     # --- hearing ---
 
     def take(self, data: bytes, now_ns: int) -> list[Native]:
-        """Returns the measurements of the lines that are complete now, oldest first, lines at once a period
-        apart. Empty before the first request: what still streams is dropped.
+        """Returns the measurements of the lines that are complete now, oldest first; several at once are
+        stamped a period apart. Empty before the first request: what still streams is dropped.
         """
         if self._request and self._asked_ns is None:
             return []  # a stream that has not ended yet

@@ -52,9 +52,7 @@ class LineParser:
         self._skipping = False
 
     def feed(self, data: bytes) -> list[AsciiReading]:
-        """Returns the numbers of the lines that are complete now, oldest first; other lines are counted and
-        dropped. Never raises.
-        """
+        """Returns the numbers of the lines that are complete now, oldest first; counts and drops others."""
         self._buffer += data
         *lines, rest = _ENDS.split(self._buffer)
         readings = [

@@ -97,9 +97,7 @@ class BotaParser:
         self._lost = False
 
     def feed(self, data: bytes) -> list[BotaFrame]:
-        """Returns the frames that are complete now, oldest first; anything else is counted and dropped. Never
-        raises.
-        """
+        """Returns the frames that are complete now, oldest first; counts and drops anything else."""
         buffer, at = self._buffer, 0
         buffer += data
         frames: list[BotaFrame] = []

@@ -59,9 +59,7 @@ class _Port:
 
 
 class CanHub:
-    """Adapters, one for each link, on one bus: frames of one go to all others, one after the other. `step` it
-    over and over.
-    """
+    """Adapters, one for each link, on one bus: a frame goes to all others. To be stepped over and over."""
 
     faults = "unplug", "plug"
 

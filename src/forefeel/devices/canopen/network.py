@@ -91,9 +91,7 @@ class SharedNetwork:
         self._reported[link] = counts
 
     def close(self) -> None:
-        """Ends the receiving thread, which takes up to 50 ms, and closes the bus. An error of closing is kept
-        in `failed`.
-        """
+        """Ends the receiving thread, within 50 ms, and closes the bus; an error of that goes to `failed`."""
         self._stopping.set()
         if self._thread.is_alive():
             self._thread.join(5.0)

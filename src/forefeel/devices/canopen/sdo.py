@@ -125,8 +125,8 @@ class RemoteDevice:
         return True
 
     def _try(self, what: str, entry: ObjectEntry, data: bytes | None) -> bytes:
-        """Returns the bytes of an entry, or writes `data` to it and returns none; three attempts.
-        `_SilentError`: no answer to any of them; `_RefusedError`: abort; DeviceError: the bus failed.
+        """Returns the bytes of an entry; with `data` writes that to it instead, and returns b"". Three
+        attempts. `_SilentError`: no answer to any; `_RefusedError`: abort; DeviceError: the bus failed.
         """
         for left in reversed(range(_TRIES)):
             self._shared.check()

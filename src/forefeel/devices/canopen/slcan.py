@@ -110,9 +110,7 @@ class SlcanBus(slcanBus):
         self.set_bitrate(bitrate)
 
     def _read(self, timeout: float | None) -> str | None:
-        """Returns the oldest frame that was read, as a line of slcan; None when none comes in time. Counts
-        damaged lines.
-        """
+        """Returns the oldest frame as a line of slcan; None when none comes in time. Counts damaged lines."""
         if not self._frames:
             self.serialPortOrig.timeout_s = timeout
             with error_check():

@@ -338,9 +338,7 @@ class DriveWire:
         return received
 
     def _on_state(self, can_id: int, data: bytearray, stamp: float) -> None:
-        """Stores the readback of a TPDO for `take`; a frame of a wrong length or an implausible one is only
-        counted.
-        """
+        """Stores the readback of a TPDO for `take`; only counts one of a wrong length or implausible."""
         del can_id, stamp
         values = self._state.unpack(data)
         counters, now_ns = self._link.counters, self._clock.now_ns()

@@ -275,9 +275,7 @@ class DriveModel:
         self._synced_s = t_s
 
     def lose_host(self) -> None:
-        """Puts an enabled drive in quick stop if object 6007 says so, else in a fault; nothing in other
-        states.
-        """
+        """Puts the drive, if enabled, in quick stop where object 6007 says so, otherwise in a fault."""
         if self.state is not DriveState.ENABLED:
             return
         if self.objects[cia402.ABORT_OPTION] == cia402.ABORT_QUICK_STOP:
@@ -329,9 +327,7 @@ class DriveModel:
             self._step(self._t_s)
 
     def _reference_m(self, t_s: float) -> tuple[float, float]:
-        """Returns (position m, velocity m/s) that the servo follows at that time: interpolated, or that of
-        homing.
-        """
+        """Position in m and velocity in m/s that the servo is to have then: interpolated, or of homing."""
         if self.mode == cia402.HOMING:
             return self.homing.reference_m, self.homing.velocity_m_s
         share = (t_s - self._synced_s) / self._period_s
@@ -406,9 +402,7 @@ class Drive402(CanopenDevice):
         super().__init__(bus, node, contents(node), now_s)
 
     def provoke(self, fault: str) -> None:
-        """Begins a fault: `drive_fault`: overcurrent, until a reset; `stuck` until `free`; `unplug` until
-        `plug`.
-        """
+        """Begins `drive_fault` (overcurrent, until a reset), `stuck` until `free`, `unplug` until `plug`."""
         if fault == "drive_fault":
             self.model.fail(OVERCURRENT)
         elif fault in ("stuck", "free"):

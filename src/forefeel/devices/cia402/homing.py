@@ -249,9 +249,7 @@ class Cia402Homing:
         return rests
 
     def _reach(self, stage: Cia402Stage, target_m: float, velocity_m_s: float) -> float:
-        """Moves to a target and waits until the stage rests there for 0.1 s; returns its count. DeviceError:
-        it takes too long.
-        """
+        """Moves to a target and waits until the stage rests there for 0.1 s; its count, or DeviceError."""
         assert self._scale is not None, "homed before"
         clock, pacer = self._clock, Pacer(self._clock, 10_000_000)
         start_m = stage.read(clock.now_ns()).position_m

@@ -50,7 +50,7 @@ class Cia404LoadCell(QueuedLoadCell):
     # --- the conversation ---
 
     def _converse(self, conversation: Conversation) -> Steps:
-        """Sets the transducer up and receives its readings until the conversation ends; leaves SYNC then."""
+        """Sets the transducer up and receives its readings until the conversation ends; then leaves SYNC."""
         settings = self._settings
         with talking_to(settings.can, settings.node_id, self.link) as (shared, device):
             try:
@@ -60,7 +60,9 @@ class Cia404LoadCell(QueuedLoadCell):
                 shared.leave_sync(self)
 
     def _set_up(self, device: RemoteDevice) -> None:
-        """Identifies the transducer, switches other TPDOs off, maps the first, and starts it; CONFIGURED."""
+        """Identifies the transducer, loads its scale, switches TPDO 2 to 4 off, maps the first and starts it;
+        the link is CONFIGURED.
+        """
         device.identify(cia404.PROFILE)
         self._load_scale(device)
         for number in (2, 3, 4):
@@ -100,8 +102,8 @@ class Cia404LoadCell(QueuedLoadCell):
             shared.unsubscribe(alarm, self._on_emergency)
 
     def _cycles(self, conversation: Conversation, shared: SharedNetwork) -> Steps:
-        """Runs a cycle each period: sends SYNC where it is ours to send, counts silent ones. The link becomes
-        READY at the first TPDO. DeviceError: silence, an emergency, or the bus failed.
+        """Runs a cycle each period: sends SYNC where it is ours to send, counts periods without a TPDO. The
+        link becomes READY at the first TPDO. DeviceError: silence, an emergency, or the bus failed.
         """
         period_s = 1.0 / self._settings.rate_hz
         patience = max(_SILENT_PERIODS, round(_SILENT_S / period_s))
@@ -126,9 +128,7 @@ class Cia404LoadCell(QueuedLoadCell):
             raise DeviceError(f"no TPDO for {silent} periods")
 
     def _on_reading(self, can_id: int, data: bytearray, stamp: float) -> None:
-        """Passes the measurement of a TPDO on to the queue, stamped now; one of a wrong length is only
-        counted.
-        """
+        """Passes the measurement of a TPDO to the queue, stamped now; only counts one of a wrong length."""
         del can_id, stamp
         reading = cia404.measured(self._pdo, data)
         if reading is None:

@@ -49,9 +49,7 @@ class Transducer404(CanopenDevice):
             super().provoke(fault)
 
     def shown(self, index: int, sub: int) -> float | None:
-        """Returns the process value, or the status: 0, or not valid with the overload; None for any other
-        object.
-        """
+        """Process value, or status: 0, or not valid with the overload; None for any other object."""
         del sub
         if index == cia404.PROCESS_VALUE.index:
             return self._value

@@ -98,8 +98,8 @@ class CoilTalk:
         return self._ask()
 
     def hear(self, data: bytes, now_ns: int) -> bytes:
-        """Takes the bytes that came, if any; returns bytes to send, often none: a request, or one command per
-        state.
+        """Takes the bytes that came, if any; returns bytes to send, often none: a request, or a command if a
+        new state came.
 
         Raises:
             DeviceSetupError: nobody answers, or not the device that is expected.
@@ -135,7 +135,7 @@ class CoilTalk:
     def _take_identity(self, identity: CoilIdentity) -> None:
         """Stores serial number and identity in the link, and what the device says of itself: IDENTIFIED;
         ignores an identity unless the link is OPEN. DeviceSetupError: no such device or protocol, another one
-        than before, a watchdog or limit above the settings, or what `_measures` refuses.
+        than before, a watchdog or limit above the settings, or what `_set_measures` refuses.
         """
         if self._link.state is not LinkState.OPEN:
             return
@@ -158,13 +158,13 @@ class CoilTalk:
                 f"{port}: watchdog {identity.watchdog_ms} ms, limit {identity.limit_ma} mA; "
                 f"expected at most {watchdog_ms} ms and {limit_ma} mA (watchdog_s, max_current_a)"
             )
-        measures = self._measures(identity)
+        measures = self._set_measures(identity)
         self._identity, self._link.serial, self.limit_ma = identity, serial, identity.limit_ma
         self._time = DeviceTime(self.period_s)
         self._link.identity = f"{name} {serial}, firmware {firmware}: {measures}"
         self._link.advance(LinkState.IDENTIFIED)
 
-    def _measures(self, identity: CoilIdentity) -> str:
+    def _set_measures(self, identity: CoilIdentity) -> str:
         """Sets period, counts per metre and lateness of the force by what the device says; returns them as
         text. DeviceSetupError: a watchdog's time of less than five periods, a force later than 20 ms, counts
         that neither device nor settings know, or both and not the same.
@@ -192,9 +192,9 @@ class CoilTalk:
         return f"a state each {period}, force up to {late} late, {self.counts_per_m:.9g} counts/m"
 
     def _shake(self, now_ns: int, fresh: bool) -> bytes:
-        """Returns the next bytes of the handshake: the request again each 0.1 s, then a command for each
-        state. The first state without fault makes the link READY and sets `settled`; after a fault it stays
-        CONFIGURED. DeviceSetupError: not done within a second.
+        """Returns the next bytes of the handshake: the request again each 0.1 s, then a command when a new
+        state came. The first state without fault makes the link READY and sets `settled`; after a fault it
+        stays CONFIGURED. DeviceSetupError: not done within a second.
         """
         if now_ns - self._begun_ns > _PATIENCE_NS:
             raise DeviceSetupError(self._refusal())
@@ -257,7 +257,7 @@ class CoilTalk:
         self.deadman.take(Button.DEADMAN in state.buttons)
 
     def _require_in_time(self, now_ns: int) -> None:
-        """Raises DeviceError when the newest state, or the setpoint of a current, is older than the
+        """Raises DeviceError when the newest state, or in READY a setpoint that is not 0, is older than the
         watchdog's time.
         """
         assert self.newest is not None

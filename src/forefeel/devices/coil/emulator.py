@@ -86,9 +86,7 @@ class CoilDevice:
         self._answer = self._sent = b""
 
     def receive(self, data: bytes, t_s: float) -> None:
-        """Handles requests for the identity, and stores the newest command; ignores all while the firmware
-        hangs.
-        """
+        """Answers requests of the identity, stores the newest command; neither while the firmware hangs."""
         if t_s < self._hangs_until_s:
             return
         for frame in self._parser.feed(data):

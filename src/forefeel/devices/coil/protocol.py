@@ -182,9 +182,7 @@ class CoilParser:
         return frames
 
     def _decode(self, piece: bytes) -> Frame | None:
-        """Decodes the bytes between two delimiters to a frame; None, counted, when they are damaged or
-        unknown.
-        """
+        """Decodes the bytes between two delimiters to a frame; None, counted, if damaged or unknown."""
         if len(piece) > MAX_BUFFER:
             self._counters["oversized"] += 1
             return None

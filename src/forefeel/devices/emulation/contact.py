@@ -58,6 +58,8 @@ class ForceSender:
 
 
 class ForceReceiver:
+    """Receives the force of a `ForceSender` at a socket of its own, which it makes at `path`."""
+
     def __init__(self, path: Path) -> None:
         with suppress(FileNotFoundError):
             path.unlink()

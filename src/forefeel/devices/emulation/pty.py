@@ -97,8 +97,8 @@ class PtyServer:
         self._start_s = time.monotonic()
 
     def step(self) -> None:
-        """Carries bytes both ways, each when it has crossed the wire, and advances the device to now. Waits
-        at most 1 ms.
+        """Carries bytes both ways, each once it has crossed the wire, advances the device; waits 1 ms at
+        most.
         """
         data = self._pty.read(self._wait_s())
         t_s = time.monotonic() - self._start_s

@@ -8,6 +8,8 @@ _BITS = 10  # start, eight data bits, stop
 
 
 class EmulatedDevice(Protocol):
+    """Device as bytes in and out; time is an argument."""
+
     @property
     def faults(self) -> Sequence[str]: ...
 

@@ -72,8 +72,8 @@ class HaplyTalk:
         self.deadman = Deadman()
 
     def commands(self, now_ns: int) -> list[str]:
-        """Messages that are due: a request of the status, and a force once the device is known. Without a
-        force of ours it is 0, which wakes the device up.
+        """Messages that are due: a request of the status, and a force once the device is known: 0 while the
+        link is not READY, which wakes the device up.
         """
         due = list[str]()
         if now_ns - self._asked_ns >= _ASK_NS:
@@ -96,8 +96,8 @@ class HaplyTalk:
         return force_command(self._link.serial, self._settings.direction, force_n)
 
     def hear(self, text: str | bytes, now_ns: int) -> None:
-        """Takes a message of the service. A device and a grip that are there and awake make the link READY;
-        after a fault it stays CONFIGURED.
+        """Takes a message of the service and stores the state of the device; ignores one without it. A device
+        and a grip that are there and awake make the link READY, or after a fault CONFIGURED.
 
         Raises:
             DeviceSetupError: several devices and no `device_id`, or another one than before.
@@ -135,6 +135,9 @@ class HaplyTalk:
             raise DeviceError(f"the haptic loop stands still for {quantity(late_ns * 1e-9, 's')}")
 
     def _identify(self, device_id: str) -> None:
+        """Stores the id in the link as serial number and identity: IDENTIFIED; nothing unless it is OPEN.
+        DeviceSetupError: another device than before.
+        """
         if self._link.state is not LinkState.OPEN:
             return
         if self._link.serial not in ("", device_id):
@@ -146,7 +149,9 @@ class HaplyTalk:
         self._link.advance(LinkState.IDENTIFIED)
 
     def _pressed(self, grips: list[VerseGrip]) -> frozenset[str]:
-        """Buttons that are pressed: none where no grip is there, or it is asleep or out of reach."""
+        """Names of the buttons that are pressed: none where no grip is there, or it is asleep or out of
+        reach. Stores the status of the grip.
+        """
         if not grips or grips[0].state is None:
             return frozenset()
         self._grip_status = grips[0].status or self._grip_status
@@ -155,7 +160,9 @@ class HaplyTalk:
         return frozenset(name for name, pressed in grips[0].state.buttons.items() if pressed)
 
     def _take_state(self, state: CursorState, pressed: frozenset[str], now_ns: int) -> None:
-        """Stores a state as `newest`; before the end of the handshake, looks whether it is done."""
+        """Stores a state as `newest`, and has the deadman take its button. During the handshake the first fit
+        state makes the link READY. DeviceError: an unfit state later, or a force above the limit.
+        """
         self._link.counters["states"] += 1
         self._link.exchanged(now_ns - self._sent_ns if self._sent_ns else None)
         along = self._settings.direction
@@ -179,7 +186,7 @@ class HaplyTalk:
             )
 
     def _unfit(self) -> str | None:
-        """Reason for which the device can not be held now; None if it can."""
+        """Reason for which device and grip are no usable handle now; None if they are."""
         if not self._status.power_supply:
             return "no power: expected its supply plugged in"
         if not self._status.calibrated:
@@ -232,7 +239,7 @@ class ServiceStream:
             raise DeviceError(f"{self._url}: the service is gone ({error})") from error
 
     def send(self, text: str) -> None:
-        """Raises DeviceError: gone."""
+        """Sends a message. DeviceError: the service is gone."""
         try:
             self._socket.send(text)
         except self._broken as error:
@@ -263,7 +270,7 @@ class HaplyHandle(ThreadedHandle[HaplyTalk]):
 
     def read(self, now_ns: int) -> HandleReading:
         """Returns position, velocity and buttons by the newest state, carried on by its velocity for at most
-        two periods.
+        two periods. A state older than the watchdog's time is a fault of the link.
 
         Raises:
             DeviceError: a fault, now or before, that nobody has re-armed after.
@@ -298,9 +305,7 @@ class HaplyHandle(ThreadedHandle[HaplyTalk]):
         """Shows nothing: the device has no lamp of ours."""
 
     def _converse(self, conversation: Conversation) -> Steps:
-        """Connects and exchanges until the conversation ends, or a fault closes the link. At the end it sends
-        a command without force.
-        """
+        """Connects and exchanges until the conversation ends or the link closes; then sends a force of 0."""
         stream = ServiceStream(self._settings.url)
         try:
             self.link.advance(LinkState.OPEN)

@@ -72,7 +72,7 @@ _DECODER = msgspec.json.Decoder(ServiceMessage)
 
 
 def decoded(text: str | bytes) -> ServiceMessage:
-    """Raises DeviceError for what is no JSON (a nan is none) or has another shape."""
+    """Decodes a message of the service. DeviceError: no JSON (a nan is none), or another shape."""
     try:
         return _DECODER.decode(text)
     except msgspec.MsgspecError as error:

@@ -46,8 +46,8 @@ class MujocoModel:
         self._insert()
 
     def step(self, position_m: float, velocity_m_s: float) -> float:
-        """Goes on by a period; see `forefeel.slave.plant.foreign.World`. Raises FloatingPointError: bodies
-        overlap by more than `overlap_m`, or a force that is no number.
+        """Steps the model by a period, at whose end the drive is where the carriage is; returns the force on
+        the cell in N. Raises FloatingPointError: bodies overlap by more than `overlap_m`, or no number.
         """
         if self._start_m is None:
             self._start_m = position_m
@@ -69,7 +69,9 @@ class MujocoModel:
         return [(x, y, z) for x, y, z in points.tolist()]
 
     def _named(self, kind: int, key: str, name: str) -> int:
-        """Number of a thing in the model. Raises ConfigurationError, with the names that there are."""
+        """Number of the sensor or body `name` in the model. Raises ConfigurationError, with the names that
+        there are: none is called so; `key`: the setting.
+        """
         number = int(mujoco.mj_name2id(self._model, kind, name))
         if number < 0:
             count = {_Kind.mjOBJ_SENSOR: self._model.nsensor, _Kind.mjOBJ_BODY: self._model.nbody}[kind]
@@ -78,7 +80,9 @@ class MujocoModel:
         return number
 
     def _drive(self) -> tuple[int, int]:
-        """Numbers of the actuator (-1: none) and of its joint. Raises ConfigurationError: neither."""
+        """Numbers of the actuator (-1: none) and of the joint that `drive` names. Raises ConfigurationError:
+        there is neither.
+        """
         name = self._settings.drive
         actuator = int(mujoco.mj_name2id(self._model, _Kind.mjOBJ_ACTUATOR, name))
         joint = int(mujoco.mj_name2id(self._model, _Kind.mjOBJ_JOINT, name))
@@ -89,7 +93,9 @@ class MujocoModel:
         return actuator, joint
 
     def _insert(self) -> None:
-        """Goes to `inserted_m` before a loop runs: in its first tick it would miss hundreds."""
+        """Moves the drive by `inserted_m` within `settle_s` of the model's time, and stores where it is then;
+        before a loop runs, whose first tick would miss hundreds.
+        """
         start = float(self._data.qpos[self._at])
         way = self._settings.inserted_m / self._settings.unit_m
         count = int(self._settings.settle_s / self._step_s)
@@ -98,7 +104,7 @@ class MujocoModel:
         self._inserted = start + way
 
     def _move(self, q: float, v: float) -> None:
-        """One step of the engine, at the end of which the drive is at q (and a joint moves at v)."""
+        """Makes one step of the engine, at the end of which the drive is at q (and a joint moves at v)."""
         if self._actuator >= 0:
             self._data.ctrl[self._actuator] = q
         else:
@@ -106,7 +112,7 @@ class MujocoModel:
         mujoco.mj_step(self._model, self._data)
 
     def _descendants(self) -> NDArray[np.int64]:
-        """Numbers of the body `shape` and of those below it, which come after it."""
+        """Numbers of the body `shape` and of those below it, which come after it; none without `shape`."""
         if self._settings.shape is None:
             return np.empty(0, dtype=np.int64)
         below = {self._named(_Kind.mjOBJ_BODY, "shape", self._settings.shape)}

@@ -82,7 +82,7 @@ class Path:
         return bool(np.any(apart[np.abs(s[:, None] - s[None]) > 0.5 * np.pi * near] < near))
 
     def bars(self) -> Iterator[Bar]:
-        """Bars whose faces are the wall on both sides; a guide that is narrower has thicker ones."""
+        """Bars whose faces are the wall on both sides; a piece narrower than the widest has thicker ones."""
         widest = max(piece.half_m for piece in self.pieces)
         for (_, x0, y0, heading), piece in zip(self._starts, self.pieces, strict=False):
             count = ceil(piece.length_m / _FACET_M) if piece.curvature else 1
@@ -111,6 +111,7 @@ def vessel_path(settings: GuidewireSettings) -> Path:
 
 
 def _along(start: tuple[float, float, float, float], piece: Piece, s: float) -> tuple[float, float, float]:
+    """x, y and heading at arc length s of a piece that begins at `start`: (unused, x, y, heading)."""
     _, x, y, heading = start
     k = piece.curvature
     if not k:

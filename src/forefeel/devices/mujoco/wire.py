@@ -50,9 +50,7 @@ class WireChain:
 
 
 class Guidewire:
-    """The wire along the centre line of its vessel, without tension; `path` None: in the open. Steps of
-    `period_s`.
-    """
+    """The wire along the centre line of its vessel, without tension; `path` None: in the open."""
 
     def __init__(self, wire: WireChain, path: Path | None, friction: float, step_s: float = STEP_S) -> None:
         self._wire, self._path = wire, path
@@ -66,14 +64,16 @@ class Guidewire:
         mujoco.mj_kinematics(self.model, self.data)
 
     def settle(self) -> None:
-        """The springs grow from nothing, the stage at rest."""
+        """Steps for 0.5 s with the stage at rest, while the wire's springs grow from nothing."""
         springs, count = self._wire.springs_n_m, round(_SETTLE_S / self.model.opt.timestep)
         for i in range(count):
             self.model.jnt_stiffness[1:] = springs * min(1.0, 2.0 * (i + 1) / count)
             self._push(0.0, 0.0)
 
     def step(self, position_m: float, velocity_m_s: float) -> float:
-        """Force in N with which the stage pushes, at the beginning of the step."""
+        """Makes a step; returns the force in N with which the stage pushed at its beginning. Raises
+        EscapedError: the wire has left the vessel, or a force that is no number.
+        """
         force_n = self._push(position_m, velocity_m_s)
         if self._path is not None:
             deepest = -float(np.min(self.data.contact.dist, initial=0.0))
@@ -99,6 +99,7 @@ class Guidewire:
 
 
 def _mjcf(wire: WireChain, path: Path | None, friction: float, step_s: float) -> str:
+    """MJCF text of the wire, a chain of hinged capsules on a slide, and of the walls, if there is a path."""
     springs, segment = wire.springs_n_m, wire.segment_m
     mass, inertia = _KG_M * segment, _KG_M * segment**3 / 12.0
     armature = wire.stiffness_n_m2 / segment * _HINGE_S**2

@@ -23,8 +23,8 @@ _CARRIED_S = 0.02  # s by which a position is carried on with its velocity, as a
 
 
 class ServoHandle:
-    """Hand without a force. It needs a pause before it can press the deadman anew, as a person does who lets
-    it go: after a stop that was cleared nothing moves because positions go on coming.
+    """Handle port on positions that come to a socket; it gives no force. The deadman is pressed while they
+    come: only a pause releases it, so that after a cleared stop nothing moves because they go on coming.
 
     Attributes:
         finished, pressed_anew, clutched_out_s: see the handle port; never.
@@ -43,7 +43,7 @@ class ServoHandle:
         self._fresh = False
 
     def open(self) -> None:
-        """Makes the socket. Raises DeviceSetupError where it can not."""
+        """Makes the socket, for this user alone, in place of a file there. DeviceSetupError: it can not."""
         opened = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         mask = os.umask(0o177)
         try:
@@ -85,7 +85,9 @@ class ServoHandle:
         return within(self._position_m + self._velocity_m_s * duration_s, MOST_POSITION_M)
 
     def _take(self, data: bytes, now_ns: int) -> None:
-        """Keeps a position that is not older than the last; counts what is none, or of no hand."""
+        """Counts a datagram and stores its position; one of another size, beyond the range of the messages or
+        older than the last is counted as malformed, too, and dropped.
+        """
         self.counters["positions"] += 1
         if len(data) == POSITION.size:
             stamp_ns, position_m, velocity_m_s = POSITION.unpack(data)

@@ -54,7 +54,7 @@ class Conversation:
         raise DeviceError(f"{self.link.name}: {first or f'not ready within {timeout_s:g} s'}") from first
 
     def stop(self) -> None:
-        """Ends the exchange in order, waits for its thread, closes the link; idempotent, by other threads."""
+        """Ends the exchange in order, waits 5 s at most for its thread, closes the link; idempotent."""
         self.stopping = True
         self._stop.set()
         self._end()

@@ -8,10 +8,8 @@ from forefeel.devices.shared.conversation import Conversation, Steps
 
 
 class Deadman:
-    """Tells whether the deadman was let go and pressed again, with which a person re-arms a handle.
-
-    Attributes:
-        pressed_anew: it was, since this began, and is held now.
+    """Detects that the deadman was let go and pressed again, with which a person re-arms a handle.
+    `pressed_anew`: it was, since this object was made, and is pressed now.
     """
 
     def __init__(self) -> None:

@@ -31,7 +31,7 @@ class QueuedLoadCell:
         self._conversation: Conversation | None = None
 
     def open(self) -> None:
-        """Starts the conversation unless it runs. DeviceSetupError: not the cell that the settings name."""
+        """Starts the conversation, unless it runs, and waits until the link is READY; raises as `start`."""
         if self._conversation is None:
             conversation = Conversation(self.link, self._converse)
             conversation.start(self._open_s())

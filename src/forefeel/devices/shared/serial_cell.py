@@ -93,7 +93,7 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
         try:
             self.link.advance(LinkState.OPEN)
             self._force = self._calibrated()
-            yield from self._identified(conversation, stream, cell)
+            yield from self._identify(conversation, stream, cell)
             yield from self._measure_rate(conversation, stream, cell)
             yield from self._exchange(conversation, stream, cell)
         finally:
@@ -136,7 +136,7 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
             )
         return attached or given or ""
 
-    def _identified(self, conversation: Conversation, stream: SerialStream, cell: Cell) -> Steps:
+    def _identify(self, conversation: Conversation, stream: SerialStream, cell: Cell) -> Steps:
         """Reads until the first measurement, then sets the link's identity and advances it to IDENTIFIED.
         Ends early when the conversation is stopping. DeviceSetupError: no measurement comes in time.
         """

@@ -122,6 +122,6 @@ class SetpointMailbox:
             return self._stop_due, self._setpoint
 
     def stopped(self) -> None:
-        """Clears the stop, which the drive has acknowledged. No setpoint was sent since it was."""
+        """Clears the stop that the drive has acknowledged; to be called before any setpoint is sent to it."""
         with self._lock:
             self._stop_due = False

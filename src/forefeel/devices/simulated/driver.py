@@ -40,6 +40,8 @@ class SimulatedDevice:
 
 
 class SimulatedStage(SimulatedDevice):
+    """Stage port on a `SimulatedWorld`."""
+
     def __init__(self, _settings: object, world: SimulatedWorld) -> None:
         super().__init__(_settings, world)
         world.observed = True
@@ -61,6 +63,8 @@ class SimulatedStage(SimulatedDevice):
 
 
 class SimulatedLoadCell(SimulatedDevice):
+    """Load-cell port on a `SimulatedWorld`."""
+
     stale_s = inf
 
     def __init__(self, _settings: object, world: SimulatedWorld) -> None:

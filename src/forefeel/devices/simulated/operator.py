@@ -178,9 +178,7 @@ class Arm:
         self.position_m, self.velocity_m_s = position_m, 0.0
 
     def advance(self, reference_m: float, reference_m_s: float, force_n: float, dt_s: float) -> None:
-        """Integrates position and velocity over `dt_s`, with a reference (m, m/s) and a force against
-        insertion.
-        """
+        """Integrates position and velocity over `dt_s`, with a reference (m, m/s) and a resisting force."""
         steps = max(1, int(dt_s / 0.5e-3 + 0.999))
         h = dt_s / steps
         for _ in range(steps):

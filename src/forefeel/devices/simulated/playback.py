@@ -74,7 +74,9 @@ class Playback(SimulatedHandle):
         return self._go_to_start(dt_s) or self._play(now_ns, dt_s)
 
     def _wait(self) -> HandleReading:
-        """Reading at the stage while the person waits, so that arming moves nothing; drops the approach."""
+        """Drops the approach; returns the reading at rest, at the stage while the person waits, so that
+        arming moves nothing, else where the hand is.
+        """
         self._approach = None
         if self.person.act is Act.WAITING and self._indication.stage_position_m is not None:
             self._position_m = self._indication.stage_position_m
@@ -87,9 +89,7 @@ class Playback(SimulatedHandle):
         self._approach_s = 0.0
 
     def _go_to_start(self, dt_s: float) -> HandleReading | None:
-        """Returns the reading on the way to the start of the piece, moved on by `dt_s`; None once it is
-        there.
-        """
+        """Returns the reading on the way to the start of the piece, moved on by `dt_s`; None once there."""
         assert self._approach is not None
         self._approach_s += dt_s
         if self._approach_s > self._approach.duration_s:
@@ -105,9 +105,7 @@ class Playback(SimulatedHandle):
         return HandleReading(self._position_m, velocity_m_s, True, recording_time_s=self._play_s)
 
     def _end_piece(self, now_ns: int) -> HandleReading:
-        """Releases the deadman and goes on to the next piece, or sets `finished` after the last. Returns the
-        reading at rest.
-        """
+        """Releases the deadman; goes on to the next piece or sets `finished`. Returns the reading at rest."""
         self._piece += 1
         self.person.release(now_ns * 1e-9)
         if self._piece == len(self._motion.pieces):

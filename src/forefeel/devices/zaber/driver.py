@@ -176,9 +176,7 @@ _ROUNDING = 1.0  # microsteps
 
 
 class ConfiguredStage(NamedTuple):
-    """A stage that has been identified and set up. `limits`: of the device, in microsteps; `calibration`: as
-    it was loaded.
-    """
+    """A stage that was identified and set up. `limits`: of the device, in microsteps."""
 
     talk: ZaberTalk
     scale: PositionScale
@@ -191,8 +189,8 @@ def link_name(settings: ZaberSettings) -> str:
 
 
 def connect(settings: ZaberSettings, clock: Clock, link: DeviceLink, stream: SerialStream) -> ConfiguredStage:
-    """Identifies the stage behind an open stream and sets it up: checksums, speed and acceleration limits.
-    Nothing moves. The link becomes IDENTIFIED, with identity and serial number.
+    """Identifies the stage behind an open stream and sets it up: checksums, speed and acceleration limits;
+    loads the calibration. Nothing moves. The link becomes IDENTIFIED, with identity and serial number.
 
     Raises:
         DeviceSetupError: silent, another device, wrong baud rate, no checksums, a limit that it does not
@@ -203,7 +201,7 @@ def connect(settings: ZaberSettings, clock: Clock, link: DeviceLink, stream: Ser
         serial = link.serial = _identify(talk, settings, link)
         link.advance(LinkState.IDENTIFIED)
         calibration, scale = calibrated(settings, serial)
-        _limit(talk, settings, scale)
+        _set_limits(talk, settings, scale)
         low, high = (round(talk.number(f"get {name}")) for name in ("limit.min", "limit.max"))
     except DeviceSetupError:
         raise
@@ -213,7 +211,7 @@ def connect(settings: ZaberSettings, clock: Clock, link: DeviceLink, stream: Ser
 
 
 def require_travel(device: ConfiguredStage, settings: ZaberSettings) -> None:
-    """Raises DeviceSetupError unless the device's own limits let it go wherever it may be sent."""
+    """Raises DeviceSetupError unless the settings' `travel_m` lies within the limits in the device."""
     low, high = device.scale.ends(settings.travel_m)
     lowest, highest = device.limits
     if low < lowest - _ROUNDING or high > highest + _ROUNDING:
@@ -283,7 +281,7 @@ def _why_silent(talk: ZaberTalk, settings: ZaberSettings) -> str:
     return f"{link_name(settings)}: {cause}; {expected}"
 
 
-def _limit(talk: ZaberTalk, settings: ZaberSettings, scale: PositionScale) -> None:
+def _set_limits(talk: ZaberTalk, settings: ZaberSettings, scale: PositionScale) -> None:
     """Sets maximum speed and acceleration in the stage, from the settings, where they differ.
     DeviceSetupError: the stage rejects the value (BADDATA). RejectedError: another rejection.
     """

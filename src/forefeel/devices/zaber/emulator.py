@@ -318,9 +318,7 @@ class ZaberDevice:
         return self._begin([], AxisMode.POSITION, _whole(rest, low, high))
 
     def _begin(self, args: list[str], motion: AxisMode, goal: float = 0.0) -> str:
-        """Begins a motion and returns `0`, the data of the reply. RejectedCommandError: there are `args`, or
-        the driver is off.
-        """
+        """Begins a motion; returns the reply's data, `0`. RejectedCommandError: `args`, or the driver off."""
         if args:
             raise RejectedCommandError("BADDATA")
         if not self.axis.enabled:

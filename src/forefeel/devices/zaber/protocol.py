@@ -119,9 +119,7 @@ class Parser:
         self._partial = b""
 
     def feed(self, data: bytes) -> list[Reply]:
-        """Returns the replies in the lines that are complete now; damaged or too long ones are counted and
-        dropped.
-        """
+        """Returns the replies in the lines that are complete now; counts and drops damaged and long ones."""
         *lines, partial = _ENDS.split(self._partial + data)
         if len(partial) > _MAX_LINE_BYTES:
             self.dropped["overlong"] += 1
@@ -130,9 +128,7 @@ class Parser:
         return [reply for line in lines if line and (reply := self._reply(line)) is not None]
 
     def _reply(self, line: bytes) -> Reply | None:
-        """Parses a line; where its beginning is damaged, from a later `@` on. None, and counted: no reply in
-        it.
-        """
+        """Parses a line; where its beginning is damaged, from a later `@` on. None, and counted: no reply."""
         if len(line) > _MAX_LINE_BYTES:
             self.dropped["overlong"] += 1
             return None
