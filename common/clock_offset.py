@@ -117,10 +117,10 @@ class ClockOffset:
         self.best: OffsetEstimate | None = None
 
     def update(self, t1: int, t2: int, t3: int, t4: int) -> None:
-        """Sets `best` anew from t1 to t4 of one exchange (see the module), in ns; from the second exchange
-        on. Each direction counts the longer transit of this exchange and the one before, so that a single
-        wrong one moves nothing. Ignores an exchange with a negative round trip, t3 < t2, or an offset of 146
-        years: a clock that was set, a forged stamp.
+        """Adds an exchange, t1 to t4 in ns (see the module), and sets `best`, from the second on, to the
+        tightest bound of the recent ones. Each direction counts the longer transit of this exchange and the
+        one before, so that a single wrong one moves nothing. Ignores an exchange with a negative round trip,
+        t3 < t2, or an offset of 146 years: a clock that was set, a forged stamp.
         """
         outward_ns, inward_ns = t2 - t1, t4 - t3
         if outward_ns + inward_ns < 0 or t3 < t2 or abs(outward_ns - inward_ns) > 2 * _LARGEST_NS:

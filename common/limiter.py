@@ -194,8 +194,8 @@ class MotionLimiter:
             self._shown.popleft()
 
     def _move(self, velocity_m_s: float, dt_s: float) -> None:
-        """Moves the setpoint for dt at `velocity_m_s` and adds to the path. It stops at the ends of the
-        workspace; from beyond them it moves only back.
+        """Moves the setpoint for dt at `velocity_m_s`, up to the ends of the workspace, where its velocity is
+        0; from beyond them it moves only back. Adds the whole way to the path, also what an end cut off.
         """
         before_m = self.position_m
         self._path_m += abs(velocity_m_s) * dt_s

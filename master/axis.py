@@ -373,7 +373,9 @@ class MasterAxis:
             self.events.limit(LimitHit(CONTACT_LOST, foretold_n, 0.0, "N"))
 
     def publish_parameters(self, now_ns: int) -> None:
-        """Publishes the contact model; adds a notice, once, if after a new fit forces and prior differ."""
+        """Publishes the contact model. Judges each new fit until forces and prior differ in one, adds a
+        notice of that one, and judges no later fit.
+        """
         learner = self.identification.learner
         if learner.fits != self._judged_fits and not self._suspicion:
             self._judged_fits = learner.fits

@@ -123,8 +123,9 @@ class Learner:
     def take(self, stamp_s: float, force_n: float, error_m: float = 0.0) -> None:
         """Learns from a force that was measured at `stamp_s`, the stamp of a motion; in any order, once each.
 
-        A force ahead of the motion waits for it. One that is not finite is ignored, one that is far from all
-        before waits until the next confirms it. `error_m`: by how much the stage was farther than expected.
+        A force ahead of the motion waits for it, up to `RING` of them: beyond that one of the later is lost.
+        One that is not finite is ignored, one that is far from all before waits until the next confirms it.
+        `error_m`: by how much the stage was farther than expected.
         """
         if not (math.isfinite(stamp_s) and math.isfinite(force_n)):
             return

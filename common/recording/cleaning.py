@@ -138,7 +138,9 @@ class _Rows:
         self.notes.append(f"{cause}: {len(within) - len(first):,} duplicate stamps spread evenly")
 
     def release(self) -> None:
-        """Sets to NaN what a held column repeats, and keeps in `taken_s` when its new values were taken."""
+        """Sets to NaN what a held column repeats, and notes its rate. Its `taken_s` are the times of the
+        rows, but for new values the times at which they were taken.
+        """
         for i, name in enumerate(self.names):
             new, stamps_s = _new(self.time_s, self.values[i])
             if len(new):

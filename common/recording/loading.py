@@ -192,15 +192,20 @@ _MOST_FURTHER = 8  # columns that are kept beside: a wide table costs no more me
 
 
 def _further(table: Table, taken: Collection[str]) -> list[Column]:
-    """Reads up to 8 columns, not `taken`, of a known unit, in SI, that change; none if one is unreadable."""
-    stated = further([name for name in table.names if name not in taken], table.units)[:_MOST_FURTHER]
-    try:
-        read = table.read([name for name, _, _ in stated]) if stated else []
-    except RecordingError:
-        return []  # a fault in what nobody asked for
-    pairs = zip(stated, read, strict=True)
-    columns = [Column(name, unit, values * factor) for (name, unit, factor), values in pairs]
-    return [c for c in columns if np.isfinite(c.values).any() and np.nanstd(c.values) > 0.0]
+    """Reads the first 8 columns, not `taken`, of a known unit, in SI, that change; none if one of those that
+    are read for it can not be.
+    """
+    stated = further([name for name in table.names if name not in taken], table.units)
+    changing = list[Column]()
+    while stated and len(changing) < _MOST_FURTHER:
+        some, stated = stated[:_MOST_FURTHER], stated[_MOST_FURTHER:]
+        try:
+            read = table.read([name for name, _, _ in some])
+        except RecordingError:
+            return []  # a fault in what nobody asked for
+        columns = (Column(name, unit, v * factor) for (name, unit, factor), v in zip(some, read, strict=True))
+        changing += [c for c in columns if np.isfinite(c.values).any() and np.nanstd(c.values) > 0.0]
+    return changing[:_MOST_FURTHER]
 
 
 def _origin(values: Array) -> float:

@@ -74,7 +74,9 @@ class ControlSocket:
 
     @asynccontextmanager
     async def serving(self, act: Act) -> AsyncIterator[None]:
-        """Answers requests by `act` while entered, several at a time; cancels the unanswered at the end."""
+        """Answers requests on the open socket by `act` while entered, several at a time; at the end cancels
+        the unanswered and leaves the socket open.
+        """
         loop = asyncio.get_running_loop()
         loop.add_reader(self._socket, self._receive, act)
         try:

@@ -57,7 +57,8 @@ def run_daemon(
     settings: "SlaveSettings | MasterSettings", duration_s: float | None = None, insecure: bool = False
 ) -> None:
     """Runs the slave or the master of these settings until a signal (SIGINT, SIGTERM, SIGHUP), the duration
-    (a master's counts from the opened session), the end of a played motion, or a fault. `insecure`: see
+    (a master's counts from the opened session), the end of a played motion, a fault, or its parent's end.
+    Takes over the process: what is loaded now is never looked through for garbage. `insecure`: see
     `check_exposure`.
 
     Raises:

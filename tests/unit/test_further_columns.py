@@ -169,3 +169,9 @@ def test_the_predictor_follows_the_column_of_its_model_and_learns_its_size() -> 
         prepare(made(), link, models[0])
     with pytest.raises(ValueError, match="no 'roll_rad'; expected the columns that the model follows"):
         Predictor(models[0]).move(0.0, 0.0, {"pitch_rad": 0.0})
+
+
+def test_columns_that_never_change_take_no_place_of_one_that_does(tmp_path: Path) -> None:
+    still = [f"still{number}_rad" for number in range(8)]
+    recording = _file(tmp_path, ",".join([*still, "roll_rad"]), *np.zeros((8, len(_T_S))), _ROLL_RAD)
+    assert [column.name for column in recording.further] == ["roll_rad"]

@@ -54,7 +54,7 @@ def load_cell(  # noqa: PLR0913, PLR0917 - one parameter per option
             settle_s=settle,
             residual_share=max_residual,
         )
-        _use(config, axis, "load_cell", out)
+        _say_where_it_belongs(config, axis, "load_cell", out)
 
 
 @examples("forefeel calibrate stage --config slave.yaml --axis insertion --out stage.yaml")
@@ -73,9 +73,9 @@ def stage(  # noqa: PLR0913, PLR0917 - one parameter per option
 
     with output(as_json, quiet):
         run_stage(Target(config, axis, out, yes, overwrite, valid_days), velocity)
-        _use(config, axis, "stage", out)
+        _say_where_it_belongs(config, axis, "stage", out)
 
 
-def _use(config: Path, axis: str, slot: str, out: Path) -> None:
+def _say_where_it_belongs(config: Path, axis: str, slot: str, out: Path) -> None:
     say(f"write into {config}, axis {axis}: {slot}: {{calibration: {relpath(out, config.parent)}}}")
     suggest("device", "probe", config=config)

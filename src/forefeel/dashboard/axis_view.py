@@ -148,8 +148,9 @@ class AxisView:
             self.delays.add(receive_ns * 1e-9, sample.delay_s)
 
     def _add_force(self, sample: ForceSample, receive_ns: int) -> None:
-        """Adds readback and valid force to the traces; scores prediction and band of the command that the
-        force answers, if that is still kept. Sums up the way of the stage with the gripper open.
+        """Adds readback, slip and a valid force to the traces. Compares prediction and zero-order hold of the
+        command that it answers, if still retained, with the force, and tells the watch whether it left the
+        band. Slip: signed displacement of the stage while the gripper was not closed.
         """
         now_s = self.timeline.now_s(receive_ns)
         t_s = self._place_s(sample, now_s)

@@ -17,7 +17,7 @@ from forefeel.diagnosis.noise import LEAST_CORNER_HZ, Noise, NoiseFloor, autoreg
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.search import ADD, Search
 from forefeel.diagnosis.sensor_faults import Cleaned, clean
-from forefeel.diagnosis.signals import Signals, cutoff_hz, independent, speed_band_m_s
+from forefeel.diagnosis.signals import Signals, cutoff_hz, speed_band_m_s, without_dependent_columns
 from forefeel.diagnosis.verdict import Cause
 
 Progress = Callable[[str], None]
@@ -146,7 +146,7 @@ def analyse(
     """Cleans the force and searches its causes; up to three times learns the noise from the residual and
     searches on, until the causes stay the same. At constant speed no cause is searched, whatever `names`.
 
-    Further columns that belong to the same axis are dropped, see `independent`.
+    Further columns that belong to the same axis are dropped, see `without_dependent_columns`.
 
     Args:
         recording: with force.
@@ -158,7 +158,7 @@ def analyse(
         RecordingError: too few samples in a row, or fewer than 50 that can be compared.
     """
     progress("sensor")
-    recording = independent(recording)
+    recording = without_dependent_columns(recording)
     cleaned = clean(recording)
     regression = conditioned(recording, cleaned, parts_s)
     signals = regression.signals

@@ -68,8 +68,9 @@ def expected_gain(
     regression: RecordingRegression, base: ModelFit, fit: ModelFit, left_n: float, noise_share: float
 ) -> ExpectedGain | None:
     """Predicts the gain, 1 - rms with the extended model / rms with the simulation, on other motions within
-    the recorded positions: median and 95 % interval over draws of the parameters' errors; repeatable. None
-    where no other motion can be made of the recorded one.
+    the recorded positions: median and 95 % interval over draws of the parameters' errors, of how what is left
+    grows there and of what no model knows, with positions and speed they hold for; repeatable. None where no
+    other motion can be made of the recorded one.
 
     Args:
         regression: of the recording.

@@ -50,7 +50,9 @@ class Leftover:
         return {**self._of_the_motion(), **self._of_time()}
 
     def _of_the_motion(self) -> dict[str, Columns]:
-        """Functions that make the columns of motion, further columns and size of the force, by variable."""
+        """Functions, by variable, that make the columns of the motion, of each further column and its speed,
+        and of the size of the predicted force.
+        """
         m = self.regression.motion(self.fit.model)
         x, v, a, way, since = m.x, m.v, m.a, m.direction(), _since_reversal(m)
         usual = float(np.quantile(np.abs(v), 0.9))

@@ -405,9 +405,9 @@ _OWN = 0.5  # share of a column that the motion explains, above which it is of t
 _AGAIN = 0.9  # correlation with the force above which it is the same force again
 
 
-def independent(recording: Recording) -> Recording:
-    """Copy without the further columns that are of the same axis (a setpoint, a second encoder, a force of
-    the same contact), or the same force again.
+def without_dependent_columns(recording: Recording) -> Recording:
+    """Copies the recording without further columns that a fit of position and speed explains nearly all of (a
+    setpoint, a second encoder), or whose correlation with the force is close to 1 (the same force again).
     """
     x, force = recording.position_m, recording.force_n
     v = np.gradient(x, recording.time_s)

@@ -201,8 +201,9 @@ def _judged_reach(reached: Reached) -> Finding:
 
 
 def check_clocks(received: CellStates) -> Iterator[Finding]:
-    """Yields a finding on each end's clock offset, by its bound: green to 10 ms, amber above. Amber when no
-    end is heard or there is no session, red when unknown in one, or for a wrong mode.
+    """Yields a finding on each end's clock offset, by its bound: green to 10 ms, amber above; amber when no
+    end is heard or there is no session, red when unknown in one. Before them a red one of the network where
+    `received.hint` says that `transport.mode` is wrong.
     """
     if received.hint:
         yield Finding("network", "mode", "red", received.hint, "correct transport.mode")

@@ -78,8 +78,8 @@ def _codes(session_id: NDArray[Any], sequence: NDArray[Any]) -> Indices:
 
 
 def stretches(answers_sequence: Floats, stamp_ns: NDArray[Any]) -> Indices:
-    """Number, for each force, of the stretch of time, without a stop, in which it was measured, counted from
-    1 in the order of the stamps; -1: while the slave followed no command.
+    """Number, for each force, of the unbroken run of forces that answer a command, counted from 1 in the
+    order of the stamps; -1 for a force that answers none. A gap in the stamps ends no run.
 
     Args:
         answers_sequence: of the command that each force answers, NaN for none.

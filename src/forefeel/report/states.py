@@ -49,9 +49,9 @@ def session_end_ns(
 ) -> int:
     """Time in ns at which the last session ended; the slave could not have been armed after that.
 
-    It is `wanted_ns` where the master let go by its own choice: the slave left the motion by a release, and
-    nothing but its rest happened to it until `heard_ns`. Else it is `heard_ns`: after another stop the master
-    wants the session back.
+    It is `wanted_ns` where the master let go by its own choice: the slave's last exit from following was a
+    release, and only its rest came after it until `heard_ns`. Else, and without any exit, it is `heard_ns`:
+    after another stop the master wants the session back.
 
     Args:
         transitions: of the slave's safety state, with their times, in order.

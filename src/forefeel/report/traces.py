@@ -160,7 +160,9 @@ def _commands(run: Run, axis: str, start_ns: int) -> CommandTraces:
 
 
 def _answers(run: Run, axis: str, counted: Flags) -> NDArray[np.int64]:
-    """Row, for each command, of the force marked in `counted` that answers it first; -1: none does."""
+    """Row in the force table, for each command, of the first force marked in `counted` that answers it, by
+    session and `answers_stamp_ns`; -1: none does.
+    """
     answered_ns = _floats(run, axis, FORCE, "answers_stamp_ns")
     rows = np.flatnonzero(counted & ~np.isnan(answered_ns))
     index = first_answers(

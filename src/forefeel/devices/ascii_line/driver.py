@@ -107,8 +107,9 @@ class AsciiCell(Cell):
     # --- hearing ---
 
     def take(self, data: bytes, now_ns: int) -> list[Native]:
-        """Returns the measurements of the lines that are complete now, oldest first; several at once are
-        stamped a period apart. Empty before the first request: what still streams is dropped.
+        """Returns the measurements of the lines that are complete now, oldest first, several at once stamped
+        a period apart, and counts the request as answered. Of a cell that is asked, drops what still streams
+        before the first request.
         """
         if self._request and self._asked_ns is None:
             return []  # a stream that has not ended yet

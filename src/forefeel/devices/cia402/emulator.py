@@ -411,8 +411,9 @@ class Drive402(CanopenDevice):
             super().provoke(fault)
 
     def written(self, index: int, sub: int, value: bytes) -> None:
-        """Passes an object that the host wrote on to the model: controlword, target, heartbeat or any other.
-        Ignores objects that the drive does not use. SdoAbortedError: a homing method that it has not.
+        """Stores an object that the host wrote in the model, and acts on controlword and target; the
+        heartbeat consumer sets whose heartbeat the drive watches and how long it may be silent. Ignores
+        objects that the drive does not use. SdoAbortedError: a homing method that it has not.
         """
         entry = _ENTRIES.get((index, sub))
         if entry is None:
