@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Protocol
 
 from forefeel.common.error_size import Floats
 
@@ -10,7 +10,6 @@ Interval = tuple[float, float, float]
 """Value, low, high."""
 NAMING = ("cause_found", "partly_explained")
 """Verdicts that name causes."""
-_SCHEMA = "forefeel.diagnosis/3"
 
 
 @dataclass(frozen=True)
@@ -48,32 +47,3 @@ class Measured(Protocol):
 
 
 Method = Callable[[Measured], Answer]
-
-
-def from_document(document: Mapping[str, Any], seconds: float) -> Answer:
-    """Of `diagnosis.json`.
-
-    Raises:
-        KeyError: a field of the schema is missing.
-    """
-    if document["schema"] != _SCHEMA:
-        raise KeyError(f"schema {document['schema']!r}, expected {_SCHEMA!r}")
-    return Answer(
-        verdict=document["verdict"],
-        names=tuple(cause["name"] for cause in document["causes"]),
-        parameters={cause["name"]: _intervals(cause["parameters"]) for cause in document["causes"]},
-        rivals=tuple(tuple(names) for names in document["rivals"]),
-        gain=_number(document["held_out"]["gain"]),
-        gain_low=_number(document["held_out"]["gain_low"]),
-        seconds=seconds,
-    )
-
-
-def _intervals(parameters: Mapping[str, Mapping[str, float]]) -> dict[str, Interval]:
-    return {
-        name: (_number(p["value"]), _number(p["low"]), _number(p["high"])) for name, p in parameters.items()
-    }
-
-
-def _number(value: float | None) -> float:
-    return float("nan") if value is None else float(value)

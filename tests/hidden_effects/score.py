@@ -83,8 +83,12 @@ class Outcome:
 
 def scored(case: Case, method: Callable[[Hidden], Answer]) -> Outcome:
     hidden = case.drawn()
-    answer = method(hidden)
-    truth, flags = hidden.truth, flags_of(hidden)
+    return compared(case, hidden, flags_of(hidden), method(hidden))
+
+
+def compared(case: Case, hidden: Hidden, flags: Flags, answer: Answer) -> Outcome:
+    """The answer about the recording of a case beside its truth."""
+    truth = hidden.truth
     due = answer.names_causes if truth.names else answer.verdict == "nothing_missing"
     exact = due and same_names(truth, answer.names)
     return Outcome(
@@ -105,32 +109,26 @@ def scored(case: Case, method: Callable[[Hidden], Answer]) -> Outcome:
 def flags_of(hidden: Hidden) -> Flags:
     """Computed from the noise-free recording and the generator's own models."""
     below = any(left < noise_floor_n(hidden) for left in leftovers_n(hidden))
-    return Flags(below and not _outside(hidden), inseparable(hidden))
+    return Flags(below and "outside" not in hidden.truth.labels, inseparable(hidden))
 
 
-def _outside(hidden: Hidden) -> bool:
-    return "outside" in hidden.truth.labels
+_DUE = {"constant_speed": "not_separable", "standstill": "refused"}
 
 
 def _right(group: str, hidden: Hidden, answer: Answer, flags: Flags, exact: bool) -> bool:
     """The one demand of each group."""
     if group == "outside":
-        return _right_outside(hidden.truth.names[0], answer, flags)
+        since = NAMED_SINCE.get(hidden.truth.names[0])
+        if since:
+            return set(answer.names) - {"bias"} == {since}
+        return answer.verdict == "unexplained" or _rival_named(answer, flags)
     if group == "pure_sine":
         return not answer.names or len(answer.names) > 1 or only_hidden(hidden.truth, answer.names)
-    if group == "constant_speed":
-        return answer.verdict == "not_separable"
-    if group == "standstill":
-        return answer.verdict == "refused"
+    if group in _DUE:
+        return answer.verdict == _DUE[group]
     if flags.inseparable and answer.verdict == "not_separable":
         return any(set(hidden.truth.names) <= set(names) for names in answer.rivals)
     return exact
-
-
-def _right_outside(name: str, answer: Answer, flags: Flags) -> bool:
-    if name in NAMED_SINCE:
-        return set(answer.names) - {"bias"} == {NAMED_SINCE[name]}
-    return answer.verdict == "unexplained" or _rival_named(answer, flags)
 
 
 def _rival_named(answer: Answer, flags: Flags) -> bool:

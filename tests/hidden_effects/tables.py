@@ -8,6 +8,9 @@ import numpy as np
 
 from tests.hidden_effects.score import BOUND_JUDGED, Outcome, gained
 
+_SILENT = ("nothing_missing", "nothing_found")
+"""Verdicts that nothing is missing; whether the noise is known is another question."""
+
 
 class Rate(NamedTuple):
     """How many of how many; `least` and `most` are shares that are demanded."""
@@ -32,18 +35,13 @@ class Rate(NamedTuple):
 def report(
     title: str, outcomes: Sequence[Outcome], intervals: bool = True, known: Collection[str] = ()
 ) -> str:
-    """Everything about one method; `known` are the only names that it can give."""
+    """All tables of one method; `known`: the only names that it can give, where it can not give all."""
     parts = [confusion(outcomes), rates(outcomes, intervals), speed(outcomes), misses(outcomes)]
     if known:
-        parts.append(limited(outcomes, known))
+        of_known = [outcome for outcome in outcomes if set(outcome.truth) <= set(known)]
+        lines = [f"  {rate}" for rate in _name_rates(of_known)]
+        parts.append("\n".join([f"of those that hide only {', '.join(sorted(known))}:", *lines]))
     return "\n\n".join([f"== {title}", *parts, far_off(outcomes)])
-
-
-def limited(outcomes: Iterable[Outcome], known: Collection[str]) -> str:
-    """The rates of the recordings whose hidden names are all among the known ones."""
-    told = [outcome for outcome in outcomes if set(outcome.truth) <= set(known)]
-    lines = [f"  {rate}" for rate in _name_rates(told)]
-    return "\n".join([f"of those that hide only {', '.join(sorted(known))}:", *lines])
 
 
 def confusion(outcomes: Iterable[Outcome]) -> str:
@@ -51,21 +49,17 @@ def confusion(outcomes: Iterable[Outcome]) -> str:
     answer came."""
     rows: dict[str, Counter[str]] = {}
     for outcome in outcomes:
-        hidden = (
-            outcome.truth[0] if outcome.case.group in ("single", "quarter") else f"[{outcome.case.group}]"
-        )
-        rows.setdefault(hidden, Counter())[_said(outcome, hidden)] += 1
+        single = outcome.case.group in ("single", "quarter")
+        hidden = outcome.truth[0] if single else f"[{outcome.case.group}]"
+        right = outcome.exact if single else outcome.right
+        names = "=" if right else "+".join(sorted(outcome.answer.names)) or outcome.answer.verdict
+        answer = f"{names} as partly" if outcome.answer.partly else names
+        rows.setdefault(hidden, Counter())[answer] += 1
     lines = ["confusion: hidden -> answered (times); '=' is the demanded one, 'as partly': beside more"]
     for hidden, counts in rows.items():
         said = ", ".join(f"{answer} {count}" for answer, count in counts.most_common())
         lines.append(f"  {hidden:<28s} {said}")
     return "\n".join(lines)
-
-
-def _said(outcome: Outcome, hidden: str) -> str:
-    right = outcome.exact if hidden[0] != "[" else outcome.right
-    names = "=" if right else "+".join(sorted(outcome.answer.names)) or outcome.answer.verdict
-    return f"{names} as partly" if outcome.answer.partly else names
 
 
 def rates(outcomes: Sequence[Outcome], intervals: bool = True) -> str:
@@ -108,16 +102,11 @@ def _name_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     ]
 
 
-def _silent(outcome: Outcome) -> bool:
-    """Nothing is said to be missing; whether the noise is known is another question."""
-    return outcome.answer.verdict in ("nothing_missing", "nothing_found")
-
-
 def _verdict_rates(outcomes: Sequence[Outcome]) -> list[Rate]:
     outside, steady = _group(outcomes, "outside"), _group(outcomes, "constant_speed")
     none = _group(outcomes, "nothing")
     return [
-        _rate("nothing hidden, false alarm", none, lambda o: not _silent(o), most=0.0),
+        _rate("nothing hidden, false alarm", none, lambda o: o.answer.verdict not in _SILENT, most=0.0),
         _rate("nothing hidden, `nothing_found`", none, lambda o: o.answer.verdict == "nothing_found"),
         _rate("outside of the vocabulary, `unexplained` or its name since", outside, lambda o: o.right, 0.95),
         _rate("outside of the vocabulary, a name given", outside, lambda o: bool(o.answer.names)),
@@ -162,19 +151,15 @@ def speed(outcomes: Sequence[Outcome]) -> str:
 
 def misses(outcomes: Iterable[Outcome]) -> str:
     """Every case that is not as demanded, with what the recording shows of it."""
-    lines = [f"  {_line(outcome)}" for outcome in outcomes if not outcome.right]
+    lines = []
+    for o in (outcome for outcome in outcomes if not outcome.right):
+        hidden = " + ".join(f"{n} ({label})" for n, label in zip(o.truth, o.labels, strict=True))
+        flags = " | below the floor" * o.flags.below_floor
+        if o.flags.inseparable:
+            flags += f" | inseparable from {', '.join(o.flags.inseparable)}"
+        answer = f"{o.answer.verdict} {'+'.join(o.answer.names)}".strip()
+        lines.append(f"  {o.case}: {hidden or 'nothing'} in {o.motion} -> {answer}{flags}")
     return "\n".join([f"not as demanded: {len(lines)}", *lines])
-
-
-def _line(outcome: Outcome) -> str:
-    hidden = " + ".join(f"{n} ({label})" for n, label in zip(outcome.truth, outcome.labels, strict=True))
-    said = f"{outcome.answer.verdict} {'+'.join(outcome.answer.names)}".strip()
-    flags = " below the floor" * outcome.flags.below_floor
-    if outcome.flags.inseparable:
-        flags += f" inseparable from {', '.join(outcome.flags.inseparable)}"
-    return (
-        f"{outcome.case}: {hidden or 'nothing'} in {outcome.motion} -> {said}{' |' + flags if flags else ''}"
-    )
 
 
 def far_off(outcomes: Iterable[Outcome]) -> str:

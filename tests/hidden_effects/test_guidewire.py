@@ -15,7 +15,7 @@ from tests.hidden_effects.laboratory.motion import Motion, moved
 from tests.hidden_effects.laboratory.score import NAMED, judge, statements
 from tests.hidden_effects.laboratory.truth import Array
 from tests.hidden_effects.product import diagnosed
-from tests.hidden_effects.test_laboratory import _answer, _truth
+from tests.hidden_effects.test_laboratory import _answer, _truth, check_two_motions
 
 
 class Seen(NamedTuple):
@@ -28,7 +28,7 @@ class Seen(NamedTuple):
 
 _BARE = Wire(mass_kg=0.0, damping_n_s_m=0.0, stiffness_n_m=50.0)
 _DRAGS = replace(_BARE, mass_kg=0.05, damping_n_s_m=2.0)
-_T = np.arange(0.0, 20.0, 1e-2)
+_T = np.arange(0.0, 14.0, 1e-2)
 
 
 def _stroke(depth_m: float = 0.04, lasts_s: float = 4.0) -> Motion:
@@ -40,15 +40,10 @@ def _stroke(depth_m: float = 0.04, lasts_s: float = 4.0) -> Motion:
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_seed_gives_the_same_again_and_another_motion_of_it(kind: str) -> None:
     one, again = draw(kind, 4), draw(kind, 4)
-    second = one.second
-    assert second is not None
-    assert one.truth == again.truth == second.truth
+    check_two_motions(one)
+    assert one.truth == again.truth
     assert np.array_equal(one.force, again.force) and np.array_equal(one.position, again.position)
-    for run in (one, second):
-        assert 380 < len(run.time_s) <= 30_000 and np.all(np.diff(run.time_s) > 0.0)
-        assert np.all(np.isfinite(run.force)) and 8e-3 < np.ptp(run.position) < 65e-3
-    count = min(len(one.position), len(second.position))
-    assert not np.allclose(one.position[:count], second.position[:count], atol=0.01 * np.ptp(one.position))
+    assert 8e-3 < np.ptp(one.position) < 65e-3
 
 
 @pytest.mark.parametrize("kind", ["known", "new", "mixture", "outside"])

@@ -1,8 +1,6 @@
 """Measured recordings with an answer in the literature, and long ones in which something is rare."""
 
-import os
 from dataclasses import replace
-from functools import cache
 from pathlib import Path
 
 import pytest
@@ -16,63 +14,62 @@ from tests.unit.test_diagnosis_long_recording import SECONDS, recording, strokes
 FRICTION = {"coulomb_friction", "stribeck_friction", "presliding_hysteresis", "position_dependent_friction"}
 
 
-@cache
-def diagnosed(name: str, start: float = 0.0, end: float = 1.0) -> Diagnosis:
-    if "FOREFEEL_DATA" not in os.environ:
-        pytest.skip("FOREFEEL_DATA names no folder with recordings")
-    whole = load_recording(Path(os.environ["FOREFEEL_DATA"]) / f"{name}.csv")
+def diagnosed(path: Path, start: float = 0.0, end: float = 1.0) -> Diagnosis:
+    """Of the part of the recording between two shares of its samples."""
+    whole = load_recording(path)
     assert whole.force_n is not None
     cut = slice(round(start * len(whole)), round(end * len(whole)))
-    part = replace(
-        whole, time_s=whole.time_s[cut], position_m=whole.position_m[cut], force_n=whole.force_n[cut]
-    )
-    return diagnose(part).diagnosis
+    columns = {name: getattr(whole, name)[cut] for name in ("time_s", "position_m", "force_n")}
+    return diagnose(replace(whole, **columns)).diagnosis
 
 
-def names(name: str, end: float = 1.0) -> set[str]:
-    found = diagnosed(name, end=end)
+@pytest.mark.soak
+@pytest.mark.parametrize(
+    ("name", "first", "parameter", "value", "others"),
+    [
+        # Janot, Gautier and Brunot, 2019: Coulomb friction of 20.39 N and an offset; no Stribeck effect
+        ("emps_train", "coulomb_friction", "force_n", 20.39, {"asymmetric_damping", "bias"}),
+        # Wigren and Schoukens, 2013: a cubic stiffness; both ends of it have an electrical offset
+        ("silverbox_train", "stiffening", "cubic_n_m3", 3.9, {"bias"}),
+    ],
+)
+def test_what_the_literature_says_of_a_machine_is_found(
+    data_dir: Path, name: str, first: str, parameter: str, value: float, others: set[str]
+) -> None:
+    found = diagnosed(data_dir / f"{name}.csv")
     assert found.names_causes
     assert found.held_out.gain_low > 0.0
-    return {cause.name for cause in found.causes}
+    largest, *more = found.causes
+    assert largest.name == first
+    assert largest.parameters[parameter].value == pytest.approx(value, rel=0.05)
+    assert {cause.name for cause in more} <= others
 
 
 @pytest.mark.soak
-def test_motor_axis_has_dry_friction() -> None:
-    """Janot, Gautier and Brunot, 2019: Coulomb friction of 20.39 N and an offset; no Stribeck effect."""
-    assert names("emps_train") <= {"coulomb_friction", "asymmetric_damping", "bias"}
-    causes = {cause.name: cause for cause in diagnosed("emps_train").causes}
-    assert causes["coulomb_friction"].parameters["force_n"].value == pytest.approx(20.39, rel=0.05)
-    assert diagnosed("emps_train").causes[0].name == "coulomb_friction"
-
-
-@pytest.mark.soak
-def test_a_seal_rubs_in_all_of_the_recording_and_in_each_half() -> None:
+@pytest.mark.parametrize("part", [(0.0, 1.0), (0.0, 0.5), (0.5, 1.0)])
+def test_a_seal_rubs_in_all_of_the_recording_and_in_each_half(
+    data_dir: Path, part: tuple[float, float]
+) -> None:
     """A damper that comes late, as a relaxing or lagging one without a spring, describes its strokes, too."""
-    for part in ((0.0, 1.0), (0.0, 0.5), (0.5, 1.0)):
-        causes = [cause.name for cause in diagnosed("seal_o_ring_1bar", *part).causes]
-        assert causes[0] in FRICTION
-        assert not {"stress_relaxation", "sensor_lag"} & set(causes)
+    causes = [cause.name for cause in diagnosed(data_dir / "seal_o_ring_1bar.csv", *part).causes]
+    assert causes[0] in FRICTION
+    assert not {"stress_relaxation", "sensor_lag"} & set(causes)
 
 
 @pytest.mark.soak
-def test_a_slack_tendon_pulls_where_it_is_pulled_at() -> None:
+def test_a_slack_tendon_pulls_where_it_is_pulled_at(data_dir: Path) -> None:
     """Of a slow sine a mass of 35 t in the other direction tells more than its spring."""
-    found = diagnosed("tendon_sine").look
-    assert found is not None
-    assert found.sense == 1.0
+    look = diagnosed(data_dir / "tendon_sine.csv").look
+    assert look is not None
+    assert look.sense == 1.0
 
 
-def test_short_strokes_show_friction_that_builds_up_with_distance() -> None:
+def test_short_strokes_show_friction_that_builds_up_with_distance(data_dir: Path) -> None:
     """The first half: the quick tests see one measured recording."""
-    assert names("presliding_friction", 0.5) == {"presliding_hysteresis"}
-
-
-@pytest.mark.soak
-def test_an_electronic_spring_stiffens() -> None:
-    """Wigren and Schoukens, 2013: a cubic stiffness; both ends of it have an electrical offset."""
-    assert names("silverbox_train") <= {"stiffening", "bias"}
-    causes = {cause.name: cause for cause in diagnosed("silverbox_train").causes}
-    assert causes["stiffening"].parameters["cubic_n_m3"].value == pytest.approx(3.9, rel=0.05)
+    found = diagnosed(data_dir / "presliding_friction.csv", 0.0, 0.5)
+    assert found.names_causes
+    assert found.held_out.gain_low > 0.0
+    assert {cause.name for cause in found.causes} == {"presliding_hysteresis"}
 
 
 @pytest.mark.soak

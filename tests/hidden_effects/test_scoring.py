@@ -1,6 +1,7 @@
 """The harness itself: what counts as right, what is counted, what is missed."""
 
-from functools import partial
+from collections.abc import Callable, Iterable
+from functools import cache, partial
 from typing import Any
 
 import pytest
@@ -9,7 +10,7 @@ from tests.hidden_effects.answers import NAMING, Answer, Interval
 from tests.hidden_effects.cases import Case
 from tests.hidden_effects.equivalences import comparable, right_first, same_names
 from tests.hidden_effects.generator import Hidden, Truth, draw
-from tests.hidden_effects.score import Outcome, scored
+from tests.hidden_effects.score import Flags, Outcome, compared, flags_of
 from tests.hidden_effects.tables import all_rates, unmet
 
 _SHORT: dict[str, Any] = {"longest_s": 14.0, "fastest_hz": 300.0}
@@ -47,8 +48,19 @@ def test_notations_of_friction_and_damping() -> None:
     assert damped["difference_n_s_m"][1] == pytest.approx(2.0 - 0.1 * 2**0.5)
 
 
-def _told(factor: float, verdict: str, hidden: Hidden) -> Answer:
-    """What a method would say that knows the truth, its parameters off by a factor."""
+@cache
+def _shown(case: Case) -> tuple[Hidden, Flags]:
+    hidden = case.drawn()
+    return hidden, flags_of(hidden)
+
+
+def _scored(case: Case, answer: Answer | Callable[[Hidden], Answer]) -> Outcome:
+    hidden, flags = _shown(case)
+    return compared(case, hidden, flags, answer if isinstance(answer, Answer) else answer(hidden))
+
+
+def _knowing(factor: float, verdict: str, hidden: Hidden) -> Answer:
+    """Answer of a method that knows the truth, its parameters off by a factor."""
     parameters = {
         effect: {name: (factor * v, v - abs(v) * 0.01, v + abs(v) * 0.01) for name, v in given.items()}
         for effect, given in hidden.truth.parameters.items()
@@ -56,35 +68,27 @@ def _told(factor: float, verdict: str, hidden: Hidden) -> Answer:
     return Answer(verdict, hidden.truth.names, parameters, gain_low=0.1, seconds=0.5)
 
 
-def _said(verdict: str, hidden: Hidden) -> Answer:
-    return Answer(verdict)
+_NAMED = {
+    Case("single", "quadratic_drag", 1, **_SHORT): "cause_found",
+    Case("quarter", "stiffening", 1, 0.25, **_SHORT): "partly_explained",
+    Case("pair", "bias+sensor_drift", 1, **_SHORT): "cause_found",
+}
+_SILENT = {
+    Case("nothing", "nothing", 1, **_SHORT): "nothing_missing",
+    Case("outside", "chirp", 1, **_SHORT): "unexplained",
+    Case("pure_sine", "pure_sine", 1, **_SHORT): "not_separable",
+    Case("constant_speed", "constant_speed", 1, **_SHORT): "not_separable",
+    Case("standstill", "standstill", 1, **_SHORT): "refused",
+}
 
 
-_CASES = [
-    Case("single", "quadratic_drag", 1, **_SHORT),
-    Case("quarter", "stiffening", 1, 0.25, **_SHORT),
-    Case("pair", "bias+sensor_drift", 1, **_SHORT),
-]
-_SILENT = [
-    Case("nothing", "nothing", 1, **_SHORT),
-    Case("outside", "chirp", 1, **_SHORT),
-    Case("pure_sine", "pure_sine", 1, **_SHORT),
-    Case("constant_speed", "constant_speed", 1, **_SHORT),
-    Case("standstill", "standstill", 1, **_SHORT),
-]
-_NAMED = (*NAMING, "cause_found")
-_DEMANDED = ("nothing_missing", "unexplained", "not_separable", "not_separable", "refused")
+def _all(factor: float = 1.0, verdicts: Iterable[str] = _SILENT.values()) -> list[Outcome]:
+    named = [_scored(case, partial(_knowing, factor, verdict)) for case, verdict in _NAMED.items()]
+    return named + [_scored(case, Answer(verdict)) for case, verdict in zip(_SILENT, verdicts, strict=True)]
 
 
-def _all(factor: float = 1.0, verdicts: tuple[str, ...] = _DEMANDED) -> list[Outcome]:
-    named = [
-        scored(case, partial(_told, factor, verdict)) for case, verdict in zip(_CASES, _NAMED, strict=True)
-    ]
-    pairs = zip(_SILENT, verdicts, strict=True)
-    return named + [scored(case, partial(_said, verdict)) for case, verdict in pairs]
-
-
-def test_parameters_that_are_off_are_counted() -> None:
+def test_an_answer_as_demanded_misses_nothing_and_parameters_that_are_off_are_counted() -> None:
+    assert unmet(_all()) == []
     close, _, _, covered = all_rates(_all(1.2))[-4:]
     assert close.hits == 0 < close.total
     assert covered.hits == covered.total
@@ -97,21 +101,25 @@ def test_wrong_verdicts_are_counted() -> None:
     for demand in ("nothing hidden", "outside", "constant speed", "standstill"):
         assert demand in missed
     assert "pure sine" not in missed
+    nothing, *_ = _SILENT
+    assert not _scored(nothing, Answer("unexplained")).right
 
 
 @pytest.mark.parametrize("verdict", NAMING)
 def test_a_wrong_name_is_wrong_everywhere(verdict: str) -> None:
-    for case in (*_CASES, *_SILENT):
-        outcome = scored(case, lambda _: Answer(verdict, ("backlash",)))
+    for case in (*_NAMED, *_SILENT):
+        outcome = _scored(case, Answer(verdict, ("backlash",)))
         assert not (outcome.first or outcome.exact or outcome.right) or outcome.truth == ("backlash",), case
 
 
 def test_no_credit_for_silence_about_an_outside_effect() -> None:
     """A jerk in a slow motion is the limit of a fast mode: that name is accepted, nothing missing is not."""
     case = Case("outside", "jerk", 2, **_SHORT)
-    unexplained = scored(case, partial(_said, "unexplained"))
-    assert unexplained.flags.inseparable == ("unmodelled_resonance",)
-    assert unexplained.right
-    assert not scored(case, partial(_said, "nothing_missing")).right
-    assert scored(case, lambda _: Answer("cause_found", ("unmodelled_resonance",))).right
-    assert not scored(case, lambda _: Answer("cause_found", ("mains_hum",))).right
+    assert _shown(case)[1].inseparable == ("unmodelled_resonance",)
+    for answer, right in (
+        (Answer("unexplained"), True),
+        (Answer("nothing_missing"), False),
+        (Answer("cause_found", ("unmodelled_resonance",)), True),
+        (Answer("cause_found", ("mains_hum",)), False),
+    ):
+        assert _scored(case, answer).right == right

@@ -10,7 +10,6 @@ from forefeel.devices.mujoco.wire import STEP_S, EscapedError, Guidewire, WireCh
 from tests.hidden_effects.laboratory.score import judge
 from tests.hidden_effects.vessels import draw
 from tests.hidden_effects.vessels.draw import KINDS, drawn_path
-from tests.hidden_effects.vessels.plain import shares, stop
 
 _HALF_M = 1.25e-3
 
@@ -103,11 +102,3 @@ def test_a_recording_holds_its_noise_and_is_judged_by_its_truth() -> None:
         causes = [{"name": name, "gain_n": 1.0, "parameters": {}}]
         answer = {"verdict": "cause_found", "causes": causes, "rivals": [], "base": {}}
         assert judge(truth, answer).found == found
-
-
-def test_plain_laws_explain_what_they_are() -> None:
-    t = np.arange(0.0, 20.0, 0.01)
-    x = 0.01 * (1.0 - np.cos(t)) + 0.004 * np.sin(2.7 * t)
-    z = stop(x, 0.01 * float(np.ptp(x)))
-    explained = shares(t, x, (0.05 + x) * z + 0.1 * x, 0.05)
-    assert explained["depth x stop"] > 0.999 > explained["stop"] > explained["linear"]

@@ -1,7 +1,6 @@
 """A cell in virtual time that is attacked: both daemons, and a stranger on the same bus."""
 
 from collections import Counter
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -32,15 +31,27 @@ _RAMP_S = 0.2 / 4.0 + 0.05  # from full speed to rest, and the servo's lag
 class Scene:
     """Armed when it begins. `forged`: (sequence, stamp) of each command that nobody may execute."""
 
-    def __init__(self, name: str, slave: dict[str, Any] | None = None) -> None:
-        self.name = name
+    def __init__(self, slave: dict[str, Any] | None = None) -> None:
         self.pair = Pair(slave)
         self.put = self.pair.stranger().put
-        self.forged: set[tuple[int, int]] = set()
-        self.pair.run(1.7)
+        self.run = self.pair.run
+        self.run(1.7)
+        self.begin()
+
+    def begin(self) -> None:
+        """Starts what `end` judges, anew in a session that outlived an attack."""
         assert self.state == "armed"
+        self.forged: set[tuple[int, int]] = set()
         self._from_ns = self.now_ns
         self._before = self._counters()
+
+    def restart_slave(self) -> None:
+        """Ends both and starts the slave on a host whose clock begins as the first one's, but for 12 us."""
+        self.pair.master.transport.close()
+        self.pair.slave.transport.close()
+        self.run(1.0)
+        self._from_ns, self._before = self.now_ns, {}
+        self.pair.start_slave(12_345 - self.now_ns)
 
     @property
     def now_ns(self) -> int:
@@ -84,34 +95,26 @@ class Scene:
         """The slave's newest stamp, as anyone reads it from the wire."""
         return decode(Heartbeat, self.pair.traffic.encoded(SLAVE_HEARTBEAT)[-1]).stamp_ns
 
-    def each_ms(self, duration_s: float, act: Callable[[], None]) -> None:
-        """Does it once a millisecond."""
-        for _ in range(round(duration_s * 1000)):
-            act()
-            self.run(0.001)
-
-    def run(self, duration_s: float) -> None:
-        self.pair.run(duration_s)
-
-    def kill_master(self) -> None:
-        """Silences the master as SIGKILL does."""
+    def replace_master(self) -> None:
+        """Silences the master as SIGKILL does, and starts another one."""
         self.pair.master.transport.close()
+        self.pair.start_master()
 
     def clear(self) -> None:
         for axis in self.pair.slave.axes:
             axis.clear()
 
     def end(self, expected: Expected) -> Outcome:
-        """Judges all that was seen since the scene began."""
+        """Asserts all that was seen since the scene began."""
         now = self._counters()
-        outcome = Outcome(self.name, self._armed_share(), self.state)
+        outcome = Outcome("", self._armed_share(), self.state)
         outcome.counters = {k: n - self._before.get(k, 0) for k, n in now.items() if k.startswith(_OURS)}
         outcome.told = self._told(now)
         answered = {(m.answers_sequence, m.answers_stamp_ns) for m in self.pair.traffic.messages(FORCE)}
         outcome.executed = len(self.forged & answered)
         outcome.require(self._still(), "the stage moved while nothing was followed")
         outcome.require(self._smooth(), "the stage was faster than its limit")
-        outcome.judge(expected)
+        assert outcome.judge(expected).wrong == []
         return outcome
 
     def _counters(self) -> dict[str, int]:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Recording
 from forefeel.daemon_settings import load_daemon
 from forefeel.investigation.bench import SimulatedBench
@@ -37,11 +36,7 @@ def test_simulated_cell_names_only_what_is_in_its_world(
     assert isinstance(settings, SlaveSettings)
     path = stroke()
     motion = Recording("stroke", np.arange(len(path)) / 1e3, path, None, "stroke")
-    made = []
-    for name in ("question", "again"):
-        SimulatedBench(settings, None).play(motion, tmp_path / f"{name}.mcap")
-        made.append(load_recording(tmp_path / f"{name}.mcap"))
-    np.testing.assert_array_equal(made[0].position_m, made[1].position_m)
+    SimulatedBench(settings, None).play(motion, tmp_path / "question.mcap")
     out = tmp_path / "out"
     line = f"investigate {tmp_path}/question.mcap --config {tmp_path}/slave.yaml --virtual-time --seconds 10"
     assert run([*line.split(), "--out", str(out)]) == 0

@@ -1,12 +1,15 @@
 """A wall that gives way, and walls that only move: both ends at 300 ms in virtual time."""
 
+from datetime import date
 from math import inf, pi, sin
 from pathlib import Path
 
 import pytest
 
 from benchmarks.felt_force import CONTACT_M, TAPPING, Row
+from forefeel.common.estimation.contact_prior import exactly
 from forefeel.common.events.text import CONTACT_LOST
+from forefeel.common.prior_file import keep_prior
 from forefeel.common.topics import FORCE, HAPTICS, MASTER_LIMIT
 from tests.simulation.pair import Pair, S
 
@@ -20,13 +23,12 @@ class Wall:
     def __init__(
         self,
         row: Row,
-        seed: int,
-        prior_dir: Path | None = None,
+        until_s: float,
         gone_s: float = inf,
         moves_m: float = 0.0,
-        until_s: float = 9.0,
+        prior_dir: Path | None = None,
     ) -> None:
-        plan = row.plan(seed, prior_dir)
+        plan = row.plan(4, prior_dir)
         self.pair = Pair(plan.slave, plan.master)
         self.start_ns = self.pair.runtime.clock.now_ns()
         self.gone_s, self._moves_m = gone_s, moves_m
@@ -49,16 +51,10 @@ class Wall:
 
     def felt_s(self) -> float:
         """Until when, after the first zero of a motion beyond the wall arrived, the hand feels it."""
-        zero_s = next(
-            self.s(sample.stamp_ns)
-            for sample in self.pair.traffic.messages(FORCE)
-            if self.s(sample.stamp_ns) > self.gone_s and sample.position_m > CONTACT_M
-        )
-        felt_s = [
-            self.s(sample.stamp_ns)
-            for sample in self.pair.traffic.messages(HAPTICS)
-            if abs(sample.rendered_n) > FELT_N
-        ]
+        forces, haptics = self.pair.traffic.messages(FORCE), self.pair.traffic.messages(HAPTICS)
+        beyond_s = [self.s(sample.stamp_ns) for sample in forces if sample.position_m > CONTACT_M]
+        zero_s = next(time_s for time_s in beyond_s if time_s > self.gone_s)
+        felt_s = [self.s(sample.stamp_ns) for sample in haptics if abs(sample.rendered_n) > FELT_N]
         return max(felt_s) - zero_s - DELAY_S / 2
 
 
@@ -66,29 +62,21 @@ class Wall:
 def test_a_wall_that_gave_way_is_felt_no_longer_than_a_tenth_of_a_second(
     stiffness_n_m: float, gone_s: float
 ) -> None:
-    wall = Wall(Row("gone", stiffness_n_m, DELAY_S), seed=4, gone_s=gone_s, until_s=gone_s + 2.5)
+    wall = Wall(Row("gone", stiffness_n_m, DELAY_S), gone_s + 1.5, gone_s)
     assert wall.felt_s() < ZERO_LASTS_S
     assert wall.lost == 1
 
 
 def test_a_prior_of_a_wall_that_gave_way_is_forgotten_too(tmp_path: Path) -> None:
-    row = Row("gone", 1000.0, DELAY_S, again=True)
-    first = Wall(row, 5, tmp_path, until_s=10.0).pair  # of contact there is enough for a prior
-    first.master.shut_down()
-    first.run(1.0)
-    first.master.close(first.runtime.clock.now_ns())
-    assert list(tmp_path.iterdir())
-    again = Wall(row, 6, tmp_path, gone_s=5.0, until_s=7.5)
-    assert again.felt_s() < ZERO_LASTS_S
+    learned = {"contact_loss.contact_position_m": CONTACT_M, "mass_damper_spring.stiffness_n_m": 1000.0}
+    keep_prior(tmp_path, "catheter", "simulated", exactly(learned), date(2026, 1, 1))
+    wall = Wall(Row("gone", 1000.0, DELAY_S, again=True), 6.5, 5.0, prior_dir=tmp_path)
+    assert wall.felt_s() < ZERO_LASTS_S
+    assert wall.lost == 1
 
 
 @pytest.mark.parametrize(
-    ("row", "moves_m"),
-    [
-        (Row("moves", 3000.0, DELAY_S), 0.5e-3),
-        (Row("tapping", 3000.0, DELAY_S, hand=TAPPING), 0.0),
-    ],
+    ("hand", "moves_m"), [({}, 0.5e-3), (TAPPING, 0.0)], ids=["the wall moves", "the hand taps"]
 )
-def test_a_wall_that_moves_or_is_tapped_is_not_forgotten(row: Row, moves_m: float) -> None:
-    wall = Wall(row, seed=4, moves_m=moves_m)
-    assert wall.lost == 0
+def test_a_wall_that_moves_or_is_tapped_is_not_forgotten(hand: dict[str, float], moves_m: float) -> None:
+    assert Wall(Row("stays", 3000.0, DELAY_S, hand=hand), 7.0, moves_m=moves_m).lost == 0

@@ -4,21 +4,16 @@ from pathlib import Path
 from typing import Any
 
 from forefeel.common.prior_file import load_prior
-from forefeel.common.recording.mcap_reader import Run
 from forefeel.loopback.plan import LoopbackOptions, make_plan
-from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.model import RunReport
 from forefeel.report.summary import summarise
+from tests.simulation.looped import recorded
 
 
 def run(folder: Path, seed: int, **changed: Any) -> RunReport:  # noqa: ANN401 - options
     asked = {"duration_s": 10.0, "patient": "B", **changed}
     options = LoopbackOptions(impairment="paper", seed=seed, prior_dir=folder / "priors", **asked)
-    loop = VirtualLoopback(make_plan(options), seed)
-    loop.run(lambda _done_s: None)
-    path = folder / f"{seed}.mcap"
-    loop.write(path)
-    return summarise(Run(path))
+    return summarise(recorded(make_plan(options), folder / f"{seed}.mcap", seed))
 
 
 def test_second_run_starts_from_the_first_and_predicts_from_the_first_stroke_on(tmp_path: Path) -> None:

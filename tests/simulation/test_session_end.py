@@ -1,23 +1,16 @@
-"""The armed share of a recording that goes on when one end is gone."""
+"""A master that ends: its last events, and the armed share of a recording that goes on."""
 
+import re
 from pathlib import Path
 
 import pytest
 
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.mcap_writer import RunWriter
-from forefeel.common.topics import parse_key
+from forefeel.common.topics import MASTER_LIMIT, MASTER_STATE, parse_key
 from forefeel.report.model import RunReport
 from forefeel.report.summary import summarise
-from tests.simulation.pair import Pair
-
-
-@pytest.fixture
-def armed() -> Pair:
-    """For about two seconds."""
-    pair = Pair()
-    pair.run(3.0)
-    return pair
+from tests.simulation.pair import Pair, S
 
 
 def reported(pair: Pair, path: Path) -> RunReport:
@@ -29,30 +22,34 @@ def reported(pair: Pair, path: Path) -> RunReport:
     return summarise(Run(path))
 
 
-def end_master(pair: Pair) -> None:
-    """In order, as in real time: it says for 0.3 s that it has let go."""
-    pair.master.shut_down()
-    pair.run(0.3)
-    pair.master.close(pair.runtime.clock.now_ns())
-
-
-def test_what_is_recorded_after_an_orderly_end_is_not_counted(armed: Pair, tmp_path: Path) -> None:
-    end_master(armed)
-    armed.run(2.0)
-    report = reported(armed, tmp_path / "run.mcap")
-    assert report.duration_s > 5.0
-    assert report.armed_share == 1.0
-    assert report.stops == 0
-    assert not any("heard last" in note for note in report.notes)
-
-
-def test_the_armed_time_ends_with_a_master_that_was_killed_and_that_is_noted(
-    armed: Pair, tmp_path: Path
+@pytest.mark.parametrize("orderly", [True, False])
+def test_the_armed_time_ends_with_the_master_and_that_it_was_killed_is_noted(
+    tmp_path: Path, orderly: bool
 ) -> None:
-    armed.master.transport.close()
-    armed.run(2.0)
-    report = reported(armed, tmp_path / "run.mcap")
+    pair = Pair()
+    pair.run(2.5)
+    if orderly:  # as in real time, it says for 0.3 s that it has let go
+        pair.master.shut_down()
+        pair.run(0.3)
+        pair.master.close(pair.runtime.clock.now_ns())
+    else:
+        pair.master.transport.close()
+    pair.run(2.0)
+    report = reported(pair, tmp_path / "run.mcap")
+    assert report.duration_s > 4.4
     assert report.armed_share == 1.0
-    assert report.stops == 1
-    (note,) = [note for note in report.notes if "heard last" in note]
-    assert "heard last at 2.9 s" in note or "heard last at 3.0 s" in note
+    assert report.stops == (0 if orderly else 1)
+    notes = [
+        float(seconds) for note in report.notes for seconds in re.findall(r"heard last at (\S+) s", note)
+    ]
+    assert notes == ([] if orderly else pytest.approx([2.45], abs=0.06))
+
+
+def test_every_limit_of_the_force_is_counted_by_an_event_when_the_master_has_ended() -> None:
+    pair = Pair(master={"axes": [{"rendering": {"max_force_n": 0.01, "max_slew_n_s": 1.0}}]})
+    pair.run(2.093)  # amid a stroke, and 93 ms after events were due
+    before = sum(event.count for event in pair.traffic.messages(MASTER_LIMIT))
+    pair.master.close(pair.runtime.clock.now_ns())
+    limited = pair.traffic.messages(MASTER_STATE)[-1].counters["force_limited"]
+    assert 0 < before < limited, f"in {pair.runtime.clock.now_ns() / S} s"
+    assert sum(event.count for event in pair.traffic.messages(MASTER_LIMIT)) == limited

@@ -1,7 +1,5 @@
 """The whole system in virtual time with a coil handle at the level of its bytes, and when that fails."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 
@@ -56,8 +54,7 @@ class Rig:
         monkeypatch.setattr("forefeel.devices.coil.driver.SerialStream", lambda *_: self.line)
         monkeypatch.setattr("forefeel.devices.coil.driver.CoilHandle", stepped)
         monkeypatch.setattr(Conversation, "_begin", lambda talks, timeout_s: self._shake_hands(talks))
-        master: dict[str, Any] = {"axes": [{"handle": coil_settings().model_dump()}]}
-        self.pair = Pair(master=master)
+        self.pair = Pair(master={"axes": [{"handle": coil_settings().model_dump()}]})
         self.currents_a = list[float]()
         self._again_ns = 0
         self.pair.runtime.loop("wire", MS, self._step)
@@ -77,7 +74,7 @@ class Rig:
 
 
 @pytest.fixture(scope="module")
-def broken() -> "tuple[Rig, float]":
+def broken() -> tuple[Rig, float]:
     """A run of a few strokes' time with an amplifier that trips amid the first."""
     with pytest.MonkeyPatch.context() as monkeypatch:
         rig = Rig(monkeypatch)
@@ -111,7 +108,9 @@ def test_the_force_counts_as_late_as_the_device_says(broken: tuple[Rig, float]) 
     assert renderer._observer._forces_n.maxlen == 4
 
 
-def test_a_handle_that_fails_stops_the_stage_and_says_why(broken: tuple[Rig, float]) -> None:
+def test_a_handle_that_fails_stops_the_stage_until_it_is_armed_anew_and_says_why(
+    broken: tuple[Rig, float],
+) -> None:
     rig, fault_s = broken
     traffic = rig.pair.traffic
     (release_s,) = traffic.times("release")
@@ -119,14 +118,18 @@ def test_a_handle_that_fails_stops_the_stage_and_says_why(broken: tuple[Rig, flo
     commands = [m for m in traffic.messages(COMMAND) if m.stamp_ns / S > fault_s + 4 * TICK_S]
     engaged_s = next(time_s for time_s in traffic.times("engage") if time_s > release_s)
     assert not any(m.deadman for m in commands if m.stamp_ns / S < engaged_s - 0.010 - 2 * TICK_S)
+    time_s, position_m = traffic.column(FORCE, "stamp_ns") / S, traffic.column(FORCE, "position_m")
+    resting = (time_s > next(t for t in traffic.times("at_rest") if t > fault_s) + 0.1) & (time_s < engaged_s)
+    assert resting.sum() > 200
+    assert np.ptp(position_m[resting]) <= 1e-6
+    starting = (time_s > engaged_s) & (time_s < engaged_s + 0.05)
+    assert np.abs(traffic.column(FORCE, "velocity_m_s")[starting]).max() < 0.05  # no jump
     told = [m for m in traffic.messages(MASTER_STATE) if m.indication == "handle_fault"]
     assert told[0].stamp_ns / S < fault_s + 0.1 + 3 * TICK_S
     assert "overcurrent" in told[0].reason
     notices = rig.pair.master.axes[0].events.notices.drain()
-    assert [line for line in notices if line.startswith("handle ")] == [
-        "handle coil_serial on memory: overcurrent; let the deadman go and press it again to go on",
-        "handle re-armed by the deadman",
-    ]
+    failed, rearmed = (line for line in notices if line.startswith("handle "))
+    assert "overcurrent" in failed and "re-armed" in rearmed
 
 
 def test_there_is_no_force_until_the_operator_has_pressed_the_deadman_anew(broken: tuple[Rig, float]) -> None:
@@ -142,18 +145,3 @@ def test_there_is_no_force_until_the_operator_has_pressed_the_deadman_anew(broke
     assert max(rig.currents_a[pressed:]) > 0.02
     steps_n = 2.0 * np.abs(np.diff(rig.currents_a[pressed - 10 :]))
     assert steps_n.max() <= 80.0 * TICK_S + 0.002 + 1e-9  # the slew limit, to the milliampere
-
-
-def test_the_stage_stands_from_the_fault_to_the_new_arming_and_does_not_jump(
-    broken: tuple[Rig, float],
-) -> None:
-    rig, fault_s = broken
-    traffic = rig.pair.traffic
-    time_s, position_m = traffic.column(FORCE, "stamp_ns") / S, traffic.column(FORCE, "position_m")
-    rest_s = next(t for t in traffic.times("at_rest") if t > fault_s)
-    again_s = next(t for t in traffic.times("engage") if t > fault_s)
-    resting = (time_s > rest_s + 0.1) & (time_s < again_s)
-    assert resting.sum() > 200
-    assert np.ptp(position_m[resting]) <= 1e-6
-    starting = (time_s > again_s) & (time_s < again_s + 0.05)
-    assert np.abs(traffic.column(FORCE, "velocity_m_s")[starting]).max() < 0.05

@@ -35,17 +35,16 @@ def test_a_round_trip_beyond_the_limit_opens_a_session_and_does_not_arm_and_both
     slave, master = pair.slave.axes[0], pair.master.axes[0]
     assert {state.state.value for state in pair.traffic.messages(SLAVE_STATE)} == {"idle", "ready"}
     assert any(command.deadman for command in pair.traffic.messages(COMMAND))
-    told = {"slave": said(slave.events.notices, "limit"), "master": said(master.events.notices, "limit")}
-    for texts in told.values():
-        assert len(texts) == 1  # in 5 s
+    told = [said(end.events.notices, "limit") for end in (slave, master)]
+    assert [len(texts) for texts in told] == [1, 1]  # in 5 s
     shown = [
-        *told["slave"],
-        *told["master"],
+        *told[0],
+        *told[1],
         slave.reason,
         slave.status(0).removesuffix(")"),
         master.status(pair.runtime.clock.now_ns()),
-        pair.traffic.messages(SLAVE_STATE)[-1].reason,
-        pair.traffic.messages(MASTER_STATE)[-1].reason,
+        pair.traffic.newest(SLAVE_STATE).reason,
+        pair.traffic.newest(MASTER_STATE).reason,
     ]
     for text in shown:
         check_words(text, 800.0, 700)

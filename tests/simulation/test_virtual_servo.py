@@ -45,25 +45,26 @@ class Rig:
         return self.pair.slave.axes[0].state.value
 
 
-@pytest.fixture
-def rig(tmp_path: Path) -> Iterator[Rig]:
-    rig = Rig(tmp_path)
-    yield rig
-    rig.close()
-
-
 def at_rest(_t_s: float) -> tuple[float, float]:
     return HOME_M, 0.0
 
 
-def test_the_stage_follows_the_changes_of_the_hand_and_stops_with_its_stream(rig: Rig) -> None:
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[Rig]:
+    """Armed by a stream that has begun after a second without one."""
+    rig = Rig(tmp_path)
     rig.pair.run(1.0)
     assert rig.state() == "ready"
-    start_m = rig.stage_m()
     rig.motion = at_rest
-    begun_s = rig.pair.run(1.0)
+    rig.pair.run(1.0)
     assert rig.state() == "armed"
-    assert rig.stage_m() == pytest.approx(start_m, abs=1e-5)
+    yield rig
+    rig.close()
+
+
+def test_the_stage_follows_the_changes_of_the_hand_and_stops_with_its_stream(rig: Rig) -> None:
+    start_m, begun_s = rig.stage_m(), rig.pair.run(0.0)
+    assert np.ptp(rig.pair.traffic.column(FORCE, "position_m")) < 1e-5  # the arming moved nothing
     rig.motion = lambda t_s: (HOME_M + 0.01 * min(t_s - begun_s, 1.0), 0.01 * (t_s - begun_s < 1.0))
     rig.pair.run(1.5)
     assert rig.stage_m() == pytest.approx(start_m + 0.01, abs=2e-4)
@@ -77,9 +78,6 @@ def test_the_stage_follows_the_changes_of_the_hand_and_stops_with_its_stream(rig
 def test_a_hand_that_jumps_moves_the_stage_within_its_limits_or_is_refused(
     rig: Rig, jump_m: float, moved_m: float
 ) -> None:
-    rig.pair.run(1.0)
-    rig.motion = at_rest
-    rig.pair.run(1.0)
     start_m = rig.stage_m()
     rig.motion = lambda t_s: (HOME_M + jump_m, 0.0)
     rig.pair.run(2.0)
@@ -90,9 +88,6 @@ def test_a_hand_that_jumps_moves_the_stage_within_its_limits_or_is_refused(
 
 
 def test_after_a_stop_that_was_cleared_nothing_moves_until_the_stream_has_paused(rig: Rig) -> None:
-    rig.pair.run(1.0)
-    rig.motion = at_rest
-    rig.pair.run(1.0)
     (axis,) = rig.pair.slave.axes
     axis.emergency_stop("pause", "test")
     rig.pair.run(0.5)

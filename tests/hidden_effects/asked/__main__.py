@@ -26,21 +26,12 @@ def main() -> int:
             print(one, flush=True)
     for group in ("cause", "outside", "nothing"):
         some = [each for each in outcomes if each.group == group]
-        named = [e for e in some if e.first_right]
-        print(
-            group,
-            len(some),
-            "first right",
-            len(named),
-            "right",
-            sum(e.right for e in some),
-            "wrong confirmed",
-            sum(e.wrong for e in some),
-            "lost",
-            sum(not e.right for e in named),
-            "right refused",
-            sum(plain(e.refused) == e.hidden and bool(e.refused) for e in some),
-        )
+        named = [each for each in some if each.first_right]
+        right, wrong = sum(each.right for each in some), sum(each.wrong for each in some)
+        lost = sum(not each.right for each in named)
+        refused = sum(plain(each.refused) == each.hidden and bool(each.refused) for each in some)
+        print(f"{group} {len(some)} first right {len(named)} right {right}", end=" ")
+        print(f"wrong confirmed {wrong} lost {lost} right refused {refused}")
     return 0
 
 

@@ -17,7 +17,7 @@ from tests.hidden_effects.generator import OUTSIDE_NAMES, VOCABULARY, Hidden, No
 from tests.hidden_effects.generator.draw import _drawn_base, _drawn_forms, sized
 from tests.hidden_effects.generator.motion import BEFORE_S, RATE_HZ, STEP_S, Motion, drawn_motion, log_uniform
 from tests.hidden_effects.generator.parts import Base, Part, Scene, transmit
-from tests.hidden_effects.generator.scan import Array, smoothed
+from tests.hidden_effects.generator.scan import Array, one_pole
 from tests.hidden_effects.generator.truth import reading
 
 USUAL, NARROW = "usual", "narrow"
@@ -115,7 +115,7 @@ class Bench:
         motion, rng = _motion(path, self._now_s), self._rng
         time_s = self._now_s + np.arange(int(len(path) / 1000.0 * RECORDED_HZ)) / RECORDED_HZ
         pole = float(np.exp(-2.0 * np.pi * self.noise.corner_hz / RECORDED_HZ))
-        coloured = smoothed(pole, rng.standard_normal(len(time_s) + 200))[200:]
+        coloured = one_pole(pole, rng.standard_normal(len(time_s) + 200))[200:]
         noise = self.noise.rms_n * np.sqrt(1.0 - pole * pole) * coloured
         noise = noise + self.noise.white_n * rng.standard_normal(len(time_s))
         force_n = reading(motion, self._base, self.parts, time_s, noise)

@@ -1,15 +1,14 @@
 """One bench: its poor first recording, the answer to the motion asked for, and what was named of either."""
 
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 from forefeel.common.errors import InputError
-from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.diagnose import Diagnosed
 from forefeel.diagnosis.investigation import investigate, judge
 from tests.hidden_effects.asked.bench import Bench
-from tests.hidden_effects.generator import Hidden
 from tests.hidden_effects.generator.rivals import inseparable
+from tests.hidden_effects.product import recording_of
 from tests.hidden_effects.score import NAMED_SINCE
 
 _SISTERS = {"capstan": "position_dependent_friction", "play": "backlash"}
@@ -20,19 +19,27 @@ _FRICTIONS = {"coulomb_friction", "stribeck_friction", "presliding_hysteresis", 
 
 @dataclass(frozen=True)
 class Outcome:
+    """Names of the first recording, of the answer, and of what that refused, in its `verdict`.
+
+    `alike`: names that the answer can not be told from. `cut`: times that the force limit was met.
+    """
+
     kind: str
     number: int
-    group: str
     hidden: frozenset[str]
-    first: tuple[str, ...]
-    answer: tuple[str, ...]
     verdict: str
-    confirmation: str
-    ratio: float
-    refused: tuple[str, ...]
-    alike: tuple[str, ...]
-    cut: int
-    seconds: float
+    first: tuple[str, ...] = ()
+    answer: tuple[str, ...] = ()
+    confirmation: str = ""
+    ratio: float = 0.0
+    refused: tuple[str, ...] = ()
+    alike: tuple[str, ...] = ()
+    cut: int = 0
+    seconds: float = 0.0
+
+    @property
+    def group(self) -> str:
+        return "cause" if self.number < 57 else "outside" if self.number < 73 else "nothing"
 
     @property
     def right(self) -> bool:
@@ -65,41 +72,28 @@ def outcome(seed: int, narrow: bool, duration_s: float, case: tuple[int, str]) -
     number, kind = case
     bench = Bench(kind, seed, number, narrow)
     start_s = time.process_time()
-    recording = _recording(bench.first())
     hidden = frozenset(NAMED_SINCE.get(name, name) for name in bench.names)
     first: tuple[str, ...] = ()
     try:
-        asked = investigate(recording, asdict(bench.limits), duration_s)
+        asked = investigate(recording_of(bench.first()), asdict(bench.limits), duration_s)
         first = _names(asked.diagnosed) if asked.diagnosed else ()
         answered = bench.answer(asked.limits, duration_s)
-        judged = judge(asked, _recording(answered))
+        judged = judge(asked, recording_of(answered))
     except InputError as error:  # a force that never changes, or a motion that the force limit ends at once
-        return Outcome(kind, number, _group(number), hidden, first, (), str(error), "", 0.0, (), (), 0, 0.0)
+        return Outcome(kind, number, hidden, str(error), first)
+    verdict = judged.diagnosed.diagnosis.verdict + ("" if judged.of == "answer" else f" of {judged.of}")
+    refused = tuple(cause.name for cause in judged.refused.causes) if judged.refused else ()
+    found = Outcome(kind, number, hidden, verdict, first, _names(judged.diagnosed), refused=refused)
     confirmation = judged.replay.confirmation if judged.replay else None
-    return Outcome(
-        kind,
-        number,
-        _group(number),
-        hidden,
-        first,
-        _names(judged.diagnosed),
-        judged.diagnosed.diagnosis.verdict + ("" if judged.of == "answer" else f" of {judged.of}"),
-        confirmation.verdict if confirmation else "",
-        confirmation.ratio if confirmation else 0.0,
-        tuple(c.name for c in judged.refused.causes) if judged.refused else (),
-        inseparable(answered) if _group(number) == "outside" else (),
-        bench.force_limit_met,
-        time.process_time() - start_s,
+    return replace(
+        found,
+        confirmation=confirmation.verdict if confirmation else "",
+        ratio=confirmation.ratio if confirmation else 0.0,
+        alike=inseparable(answered) if found.group == "outside" else (),
+        cut=bench.force_limit_met,
+        seconds=time.process_time() - start_s,
     )
-
-
-def _group(number: int) -> str:
-    return "cause" if number < 57 else "outside" if number < 73 else "nothing"
 
 
 def _names(diagnosed: Diagnosed) -> tuple[str, ...]:
     return tuple(cause.name for cause in diagnosed.diagnosis.causes)
-
-
-def _recording(recorded: Hidden) -> Recording:
-    return Recording("bench", recorded.time_s, recorded.position_m, recorded.force_n, "bench")

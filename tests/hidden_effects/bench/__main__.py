@@ -8,13 +8,11 @@ is passed over: every recording has one.
 import argparse
 import sys
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import nullcontext
 from functools import partial
 from itertools import product
 from multiprocessing import get_context
-from typing import TypeVar
 
 import numpy as np
 
@@ -22,40 +20,46 @@ from tests.hidden_effects.bench import FAMILIES, LEAST_SHARE, Population
 from tests.hidden_effects.bench.score import Elsewhere, Outcome, elsewhere, scored
 from tests.hidden_effects.methods import PRODUCT, TITLES, method_of
 
-T = TypeVar("T")
 _ALIKE = 2.0  # ratio of speeds within which another motion is within the recorded range
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def main() -> int:
     """Always 0: this measures, it demands nothing."""
-    options = _options(arguments)
-    if options.other_motion:
-        for population in map(Population, options.population):
-            _elsewhere(population, range(options.seed, options.seed + options.count), options.jobs)
-        return 0
-    print(families(), head(), sep="\n\n", flush=True)
-    of_the_product: list[Outcome] = []
-    for population, method in product(map(Population, options.population), options.methods):
-        asked = partial(scored, population, method=method_of(method))
-        outcomes = list(_mapped(asked, range(options.seed, options.seed + options.count), options.jobs))
-        print(row(population.value if method == PRODUCT else f"- {method}", population, outcomes), flush=True)
-        of_the_product += outcomes if method == PRODUCT else []
+    every = [population.value for population in Population]
+    parser = argparse.ArgumentParser(prog="python -m tests.hidden_effects.bench", description=__doc__)
+    parser.add_argument("--count", type=int, default=50, help="recordings of each population")
+    parser.add_argument("--seed", type=int, default=0, help="first seed")
+    parser.add_argument("--population", nargs="+", choices=every, default=every)
+    parser.add_argument("--methods", nargs="+", choices=TITLES, default=[PRODUCT])
+    parser.add_argument("--other-motion", action="store_true", help="measure the gain on another motion")
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    options = parser.parse_args()
+    seeds = range(options.seed, options.seed + options.count)
+    populations = map(Population, options.population)
+    with ProcessPoolExecutor(options.jobs, get_context("spawn")) as workers:
+        if options.other_motion:
+            for population in populations:
+                outcomes = workers.map(partial(elsewhere, population), seeds)
+                _print_elsewhere(population, [each for each in outcomes if each is not None])
+            return 0
+        families = [f"  {family:<11s} {', '.join(names)}" for family, names in FAMILIES.items()]
+        share = f"(an effect's share of the force is at least {LEAST_SHARE:g} times the noise's rms)"
+        print(f"families {share}:", *families, "", "  ".join([f"{'population':<12s}", *COLUMNS]), sep="\n")
+        of_the_product: list[Outcome] = []
+        for population, method in product(populations, options.methods):
+            rated = list(workers.map(partial(scored, population, method=method_of(method)), seeds))
+            title = population.value if method == PRODUCT else f"- {method}"
+            print(row(title, population, rated), flush=True)
+            of_the_product += rated if method == PRODUCT else []
     print(listed("confidently wrong first", (o for o in of_the_product if o.wrong_first)))
     print(listed("exceptions", (o for o in of_the_product if o.answer.error)))
     return 0
 
 
-def _mapped(one: Callable[[int], T], seeds: Iterable[int], jobs: int) -> list[T]:
-    pool = ProcessPoolExecutor(jobs, get_context("spawn")) if jobs > 1 else nullcontext()
-    with pool as workers:
-        return list((workers.map if workers else map)(one, seeds))
-
-
-def _elsewhere(population: Population, seeds: Iterable[int], jobs: int) -> None:
+def _print_elsewhere(population: Population, named: Sequence[Elsewhere]) -> None:
     """How often the interval of the gain on another motion holds it, its width, and where it fails; and what
     the other motion says of right names and of others.
     """
-    named = [each for each in _mapped(partial(elsewhere, population), seeds, jobs) if each is not None]
     found = [each for each in named if each.expected is not None]
     alike = [each for each in found if 1.0 / _ALIKE < each.faster < _ALIKE]
     for which, some in (("all", found), (f"speeds within a factor of {_ALIKE:g}", alike)):
@@ -78,19 +82,9 @@ def _numbers(each: Elsewhere) -> str:
     return f"{c.verdict}{cautions}, ratio {c.ratio:.2f}{gain}; speed x {each.faster:.1f}"
 
 
-def families() -> str:
-    lines = [f"  {family:<11s} {', '.join(names)}" for family, names in FAMILIES.items()]
-    said = f"families (an effect's share of the force is at least {LEAST_SHARE:g} times the noise's rms):"
-    return "\n".join([said, *lines])
-
-
 COLUMNS = ("recordings", "named", "as partly", "wrong first", "as partly", "abstained",
            "right family first", "exact", "nothing_missing, hidden", "exceptions", "median s")  # fmt: skip
-
-
-def head() -> str:
-    """Of the table; `as partly`: with the verdict `partly_explained`; `wrong first` is of the named."""
-    return "  ".join([f"{'population':<12s}", *COLUMNS])
+"""Of the table; `as partly`: with the verdict `partly_explained`; `wrong first` is of the named."""
 
 
 def row(title: str, population: Population, outcomes: Sequence[Outcome]) -> str:
@@ -126,18 +120,6 @@ def listed(title: str, outcomes: Iterable[Outcome]) -> str:
         for o in outcomes
     ]
     return "\n".join([f"\n{title}: {len(lines)}", *lines])
-
-
-def _options(arguments: Sequence[str] | None) -> argparse.Namespace:
-    every = [population.value for population in Population]
-    parser = argparse.ArgumentParser(prog="python -m tests.hidden_effects.bench", description=__doc__)
-    parser.add_argument("--count", type=int, default=50, help="recordings of each population")
-    parser.add_argument("--seed", type=int, default=0, help="first seed")
-    parser.add_argument("--population", nargs="+", choices=every, default=every)
-    parser.add_argument("--methods", nargs="+", choices=TITLES, default=[PRODUCT])
-    parser.add_argument("--other-motion", action="store_true", help="measure the gain on another motion")
-    parser.add_argument("--jobs", type=int, default=1, help="processes")
-    return parser.parse_args(arguments)
 
 
 if __name__ == "__main__":

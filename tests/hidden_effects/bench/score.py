@@ -10,13 +10,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from forefeel.common.errors import InputError
-from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.confirmation import Confirmation, confirm
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.verdict import ExpectedGain
 from tests.hidden_effects.answers import Answer, Method
 from tests.hidden_effects.bench import Made, Population, canonical, draw, draw_two, family_of
-from tests.hidden_effects.product import diagnosed
+from tests.hidden_effects.product import diagnosed, recording_of
 
 ABSTENTIONS = ("not_separable", "unexplained", "nothing_found", "not_driven_by_this_axis", "refused")
 """Verdicts that name no cause; `refused` stands for an input error."""
@@ -110,18 +109,14 @@ def elsewhere(population: Population, seed: int) -> Elsewhere | None:
     """One recording diagnosed, and its model held against the other; None where no cause is named."""
     first, second = draw_two(population, seed)
     try:
-        found = diagnose(_recording(first))
+        found = diagnose(recording_of(first))
     except InputError:
         return None
     names = [cause.name for cause in found.diagnosis.causes if cause.name != "bias"]
     if not names:
         return None
-    confirmation = confirm(found, _recording(second)).confirmation
+    confirmation = confirm(found, recording_of(second)).confirmation
     right = {canonical(name) for name in names} <= first.names
     faster = float(np.std(np.diff(second.position_m)) / np.std(np.diff(first.position_m)))
     description = f"{population.value} {seed}: {' + '.join(names)}"
     return Elsewhere(found.diagnosis.other_motion, confirmation, right, faster, description)
-
-
-def _recording(made: Made) -> Recording:
-    return Recording("bench", made.time_s, made.position_m, made.force_n, "bench")

@@ -18,7 +18,7 @@ from tests.hidden_effects.generator.parts import (
     inverse,
     proportional,
 )  # fmt: skip
-from tests.hidden_effects.generator.scan import Array, one_pole, smoothed
+from tests.hidden_effects.generator.scan import Array, one_pole
 
 
 def _harmonics(rng: np.random.Generator, count: int, strongest: float) -> dict[str, float]:
@@ -111,7 +111,7 @@ def _lag(signal: Signal, values: Values) -> None:
     start = signal.force[0]
     drive = signal.force - start
     mean = 0.5 * (drive + np.concatenate((drive[:1], drive[:-1])))
-    signal.force = start + smoothed((1.0 - half) / (1.0 + half), 2.0 * half / (1.0 + half) * mean)
+    signal.force = start + one_pole((1.0 - half) / (1.0 + half), 2.0 * half / (1.0 + half) * mean)
 
 
 def _clip(signal: Signal, values: Values) -> None:

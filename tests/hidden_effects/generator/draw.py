@@ -22,7 +22,7 @@ from tests.hidden_effects.generator.motion import (
 )
 from tests.hidden_effects.generator.outside import OUTSIDE
 from tests.hidden_effects.generator.parts import Base, Form, Part, Place, Scene, Signal, transmit
-from tests.hidden_effects.generator.scan import Array, smoothed
+from tests.hidden_effects.generator.scan import Array, one_pole
 from tests.hidden_effects.generator.truth import Hidden, Noise, Truth, reading
 from tests.hidden_effects.generator.wall import WALL
 
@@ -208,7 +208,7 @@ def _stamps(rng: np.random.Generator, duration_s: float, rate_hz: float, uniform
 def _drawn_noise(rng: np.random.Generator, noise: Noise, stage: Motion, time_s: Array) -> Array:
     """AR(1) on the fine grid, so that irregular stamps see the same spectrum; white on the samples."""
     pole = float(np.exp(-2.0 * pi * noise.corner_hz * STEP_S))
-    coloured = smoothed(pole, rng.standard_normal(len(stage.t)))
+    coloured = one_pole(pole, rng.standard_normal(len(stage.t)))
     coloured *= noise.rms_n / float(np.std(coloured))
     nearest = np.clip(np.rint((time_s - stage.t[0]) / STEP_S).astype(int), 0, len(stage.t) - 1)
     return np.asarray(coloured[nearest] + noise.white_n * rng.standard_normal(len(time_s)))

@@ -4,7 +4,7 @@ from math import pi, sqrt
 
 import numpy as np
 
-from tests.hidden_effects.generator.scan import Array, smoothed
+from tests.hidden_effects.generator.scan import Array, one_pole
 from tests.hidden_effects.generator.truth import Noise
 
 
@@ -21,4 +21,4 @@ def whitened(columns: Array, noise: Noise, rate_hz: float, more_white_n: float =
     zero = 0.0 if ratio == 0.0 else (1.0 - sqrt(1.0 - 4.0 * ratio * ratio)) / (2.0 * ratio)
     size = sqrt(variance / (1.0 + zero * zero))
     change = (columns[1:] - pole * columns[:-1]) / size
-    return smoothed(-zero, change)
+    return one_pole(-zero, change)

@@ -4,27 +4,21 @@ A recursion `y_n = F_n(y_{n-1})` whose maps compose into maps of the same family
 neighbours, then neighbours of neighbours (Hillis and Steele, Data Parallel Algorithms, CACM 29(12), 1986).
 """
 
+from typing import Any, TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
+Signal = TypeVar("Signal", Array, NDArray[np.complex128])
 
 _VANISHED = 1e-17
 
 
-def one_pole(pole: complex, drive: Complex) -> Complex:
-    """`y_n = pole y_{n-1} + drive_n` from rest."""
-    y, power, shift = drive.copy(), pole, 1
-    while shift < len(y) and abs(power) > _VANISHED:
-        y[shift:] += power * y[:-shift]
-        power, shift = power * power, 2 * shift
-    return y
-
-
-def smoothed(pole: float, drive: Array) -> Array:
-    """The same for a real pole."""
-    y, power, shift = drive.copy(), pole, 1
+def one_pole(pole: complex, drive: Signal) -> Signal:
+    """`y_n = pole y_{n-1} + drive_n` from rest; a complex pole needs a complex drive."""
+    power: Any = pole
+    y, shift = drive.copy(), 1
     while shift < len(y) and abs(power) > _VANISHED:
         y[shift:] += power * y[:-shift]
         power, shift = power * power, 2 * shift

@@ -6,7 +6,7 @@ import numpy as np
 
 from tests.hidden_effects.generator.motion import log_uniform
 from tests.hidden_effects.generator.parts import Form, Place, Scene, Signal, Values, added, proportional
-from tests.hidden_effects.generator.scan import Array, smoothed
+from tests.hidden_effects.generator.scan import Array, one_pole
 
 
 def _draw_polynomial(rng: np.random.Generator, scene: Scene) -> dict[str, float]:
@@ -53,7 +53,7 @@ def _maxwell(v: Array, step_s: float, time_constant_s: float) -> Array:
     """Elongation of the branch's spring, by the trapezoidal rule."""
     half = 0.5 * step_s / time_constant_s
     mean = 0.5 * (v + np.concatenate((v[:1], v[:-1])))
-    return smoothed((1.0 - half) / (1.0 + half), mean * step_s / (1.0 + half))
+    return one_pole((1.0 - half) / (1.0 + half), mean * step_s / (1.0 + half))
 
 
 def _two_branches(signal: Signal, values: Values) -> Array:

@@ -3,7 +3,6 @@
 import sys
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
@@ -19,12 +18,8 @@ _SIMULATED_S, _STEPS = 60.0, 200_000
 
 def answers(folders: list[Path], jobs: int, product: Path | None) -> Iterator[dict[str, Any]]:
     """The answer to each folder's a.csv, in their order; `product`: the checkout to ask."""
-    one = partial(answered, product=product)
-    if jobs == 1:
-        yield from map(one, folders)
-        return
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:
-        yield from pool.map(one, folders)
+        yield from pool.map(partial(answered, product=product), folders)
 
 
 def answered(folder: Path, product: Path | None = None) -> dict[str, Any]:
@@ -47,11 +42,10 @@ def answered(folder: Path, product: Path | None = None) -> dict[str, Any]:
         return {**answer, "verdict": verdict, "error": f"{type(error).__name__}: {error}", "causes": []}
     answer |= _said(found.details.diagnosis) | {"seconds": process_time() - start, "lines": list(found.lines)}
     if answer["verdict"] in NAMED and any(cause["name"] != "bias" for cause in answer["causes"]):
-        for measure in (_carried, _ahead):
-            try:
-                answer |= measure(ff, found, first, folder)
-            except Exception as error:  # noqa: BLE001
-                answer[f"{measure.__name__}_failed"] = f"{type(error).__name__}: {error}"
+        try:
+            answer |= _carried(ff, found, first, folder)
+        except Exception as error:  # noqa: BLE001
+            answer["not_carried"] = f"{type(error).__name__}: {error}"
     return answer
 
 
@@ -138,12 +132,3 @@ def _along(model: Any, run: Any) -> Any:  # noqa: ANN401
     step = model.contact.runtime().step
     course = zip(*(column.tolist() for column in (t, x, v, a, dt)), strict=True)
     return np.array([step(*at) for at in course])[::each]
-
-
-def _ahead(_: Any, found: Any, first: Any, __: Path) -> dict[str, Any]:  # noqa: ANN401
-    """rms 300 ms ahead: of the newest late force, of the predictor without and with the extended model."""
-    from forefeel.diagnosis.prediction import across_delay  # of the checkout that is asked
-
-    sense = found.details.analysis.regression.sense
-    across = across_delay(replace(first, force_n=sense * first.force_n), found.model.contact)
-    return {"ahead_n": [across.zoh_n, across.before_n, across.after_n]}

@@ -159,7 +159,7 @@ def shares(judged: Sequence[Judged]) -> str:
     return "\n".join(lines)
 
 
-COLUMNS = ("counted", *CLASSES, "b > 0", "elsewhere", "coverage", "300 ms", "worst", "s")
+COLUMNS = ("counted", *CLASSES, "b > 0", "elsewhere", "coverage", "s")
 
 
 def table(judged: Sequence[Judged]) -> str:
@@ -168,10 +168,7 @@ def table(judged: Sequence[Judged]) -> str:
     rows = [("all", judged), *((kind, [each for each in judged if each.kind == kind]) for kind in kinds)]
     lines = ["  ".join([f"{'kind':<10}", *(f"{name:>9}" for name in COLUMNS)])]
     lines += ["  ".join([f"{name:<10}", *(f"{cell:>9}" for cell in _cells(some))]) for name, some in rows]
-    lines += [
-        "",
-        "b > 0: other motion gains; elsewhere: its interval holds; 300 ms: error with by without model",
-    ]
+    lines += ["", "b > 0: other motion gains; elsewhere: its interval holds"]
     for found in ("false", "exception", "refused"):
         lines += ["", f"{found}:", *(_line(each) for each in judged if each.found == found)]
     return "\n".join(lines)
@@ -187,7 +184,6 @@ def _cells(some: Sequence[Judged]) -> list[str]:
     gains = [answer["gain_b"] for answer in asked if "gain_b" in answer]
     expected = [a["elsewhere"][1] <= a["gain_b"] <= a["elsewhere"][2] for a in asked
                 if a.get("elsewhere") and "gain_b" in a]  # fmt: skip
-    ahead = [a["ahead_n"][2] / a["ahead_n"][1] for a in asked if "ahead_n" in a and a["ahead_n"][1] > 0.0]
     seconds = [answer["seconds"] for answer in asked if "seconds" in answer]
     return [
         str(len(some)),
@@ -195,8 +191,6 @@ def _cells(some: Sequence[Judged]) -> list[str]:
         _ratio(gain > 0.0 for gain in gains),
         _ratio(expected),
         _ratio(hit for each in some for hit in covered(each)),
-        f"{np.exp(np.mean(np.log(ahead))):.3f}" if ahead else "-",
-        f"{max(ahead):.2f}" if ahead else "-",
         f"{np.median(seconds):.1f}" if seconds else "-",
     ]
 

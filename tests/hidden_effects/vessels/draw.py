@@ -4,12 +4,12 @@ from math import radians
 from typing import NamedTuple
 
 import numpy as np
+from scipy.signal import savgol_filter
 
 from forefeel.devices.mujoco.path import GUIDE_M, Path, Piece
 from forefeel.devices.mujoco.wire import STEP_S, EscapedError, Guidewire, WireChain
 from tests.hidden_effects.laboratory.motion import Motion, Rng, log_uniform, moved, strokes, tremor
 from tests.hidden_effects.laboratory.truth import Array, Recorded, Truth
-from tests.hidden_effects.vessels.plain import left_of
 
 FRICTION = ("position_dependent_friction", "friction_along_the_path", "capstan")  # names that say the same
 # a wire that straightens pushes back by its depth alone, from where it is bent first
@@ -68,7 +68,7 @@ def _drawn(kind: str, seed: int, lasts_s: tuple[float, float], rng: Rng) -> Reco
     (hand, first, clean_n), (_, second, second_n) = runs
     elastic_n = _elastic_n(Guidewire(wire, vessel, _SMOOTH), travel_m, first[1])
     parts = {FRICTION[0]: clean_n - elastic_n, ELASTIC[0]: elastic_n, "": clean_n}
-    share = {name: left_of(*first[:2], part) / float(np.std(clean_n)) for name, part in parts.items()}
+    share = {name: _left_of(*first[:2], part) / float(np.std(clean_n)) for name, part in parts.items()}
     bent = ELASTIC if share[ELASTIC[0]] > _LEAST else ()
     names = [(name, share[name]) for name in (FRICTION[0], *bent[:1])]
     truth = Truth(
@@ -144,3 +144,12 @@ def _sampled(m: Motion, force_n: Array, rate_hz: int) -> tuple[Array, Array, Arr
     count = len(m.t) // each
     t, x, f = (column[: count * each].reshape(count, each).mean(axis=1) for column in (m.t, m.x, force_n))
     return np.round(t - t[0], 6), x, f
+
+
+def _left_of(time_s: Array, x: Array, force_n: Array) -> float:
+    """rms of what mass, damping, stiffness and bias leave, by smoothed derivatives of the samples."""
+    step_s = float(np.median(np.diff(time_s)))
+    v, a = (savgol_filter(x, 11, 3, deriv=order, delta=step_s) for order in (1, 2))
+    columns = np.column_stack([np.ones_like(x), *(column / np.std(column) for column in (x, v, a))])
+    solved = np.linalg.lstsq(columns, force_n, rcond=None)[0]
+    return float(np.sqrt(np.mean((force_n - columns @ solved) ** 2)))
