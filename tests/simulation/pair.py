@@ -49,39 +49,31 @@ class Cable:
         return (round((max(waits_s, default=0.0) + self.delay_s) * S),)
 
 
-class HostClock:
-    """The virtual clock as a host reads it that was started at another time."""
-
-    def __init__(self, clock: Clock, offset_ns: int) -> None:
-        self._clock, self.offset_ns = clock, offset_ns
-
-    def now_ns(self) -> int:
-        return self._clock.now_ns() + self.offset_ns
-
-
 class Host:
-    """The runtime of one host: the virtual one, with that host's clock."""
+    """The virtual runtime and its clock as they are on a host that was started at another time."""
 
     scheduling = "virtual time"
 
     def __init__(self, runtime: VirtualRuntime, offset_ns: int) -> None:
-        self._runtime = runtime
-        self.clock = HostClock(runtime.clock, offset_ns)
-        self.timers = self
+        self._runtime, self._offset_ns = runtime, offset_ns
+        self.clock = self.timers = self
         self.compute, self.fault, self.on_fault = runtime.compute, runtime.fault, runtime.on_fault
 
+    def now_ns(self) -> int:
+        return self._runtime.clock.now_ns() + self._offset_ns
+
     def loop(self, name: str, period_ns: int, tick: Tick) -> Lateness:
-        return self._runtime.loop(name, period_ns, lambda now_ns: tick(now_ns + self.clock.offset_ns))
+        return self._runtime.loop(name, period_ns, lambda now_ns: tick(now_ns + self._offset_ns))
 
     def task(self, name: str, period_ns: int, tick: Tick) -> None:
-        self._runtime.task(name, period_ns, lambda now_ns: tick(now_ns + self.clock.offset_ns))
+        self._runtime.task(name, period_ns, lambda now_ns: tick(now_ns + self._offset_ns))
 
     def call_at(self, due_ns: int, action: Callable[[], None]) -> None:
-        self._runtime.call_at(due_ns - self.clock.offset_ns, action)
+        self._runtime.call_at(due_ns - self._offset_ns, action)
 
     def step(self, ahead_ns: int) -> None:
         """Sets the host's clock ahead, as one does that was suspended."""
-        self.clock.offset_ns += ahead_ns
+        self._offset_ns += ahead_ns
 
 
 class Pair:

@@ -26,6 +26,7 @@ START = datetime(2026, 3, 1, 10, tzinfo=UTC)
 START_NS = int(START.timestamp()) * 10**9
 _SI = "time_s,position_m,force_n"
 _ROWS = list(zip(T_S.tolist(), X_M.tolist(), F_N.tolist(), strict=True))
+_TEXTS = [list(map(repr, row)) for row in _ROWS]
 
 
 def text(header: str, delimiter: str = ",", scale: float = 1.0, end: str = "\n") -> str:
@@ -135,16 +136,9 @@ def parquet(kind: str) -> Callable[[Path], None]:
     def write(path: Path) -> None:
         stamps = pa.array((T_S * 1e9).round().astype(np.int64) + START_NS, pa.timestamp("ns"))
         columns: dict[str, Any] = {
-            "float32": {
-                "time_s": T_S,
-                "position_m": X_M.astype(np.float32),
-                "force_n": F_N.astype(np.float32),
-            },
+            "float32": {"time_s": T_S, "position_m": np.float32(X_M), "force_n": np.float32(F_N)},
             "stamps": {"time": stamps, "position_mm": 1e3 * X_M, "force_n": F_N},
-            "text": {
-                name: list(map(repr, v.tolist()))
-                for name, v in zip(_SI.split(","), (T_S, X_M, F_N), strict=True)
-            },
+            "text": {name: [row[i] for row in _TEXTS] for i, name in enumerate(_SI.split(","))},
         }[kind]
         pq.write_table(pa.table(columns), path)
 
@@ -161,14 +155,8 @@ def _messages(store: Typestore, **header: int) -> Iterator[tuple[int, str, Any]]
         along, none = vector(x=0.0, y=0.0, z=f), vector(x=0.0, y=0.0, z=0.0)
         wrench = made["geometry_msgs/msg/Wrench"](force=along, torque=none)
         yield ns, "/ft", made["geometry_msgs/msg/WrenchStamped"](header=head, wrench=wrench)
-        empty = np.array([])
-        joint: dict[str, Any] = {
-            "name": ["slide"],
-            "position": np.array([x]),
-            "velocity": empty,
-            "effort": empty,
-        }
-        yield ns, "/joint_states", made["sensor_msgs/msg/JointState"](header=head, **joint)
+        joint = ["slide"], np.array([x]), np.array([]), np.array([])
+        yield ns, "/joint_states", made["sensor_msgs/msg/JointState"](head, *joint)
 
 
 def bag(path: Path) -> None:

@@ -3,6 +3,7 @@
 from itertools import count
 from typing import Any
 
+from forefeel.common import topics
 from forefeel.common.bus import Bus
 from forefeel.common.clock import VirtualClock
 from forefeel.common.errors import DeviceError
@@ -12,19 +13,6 @@ from forefeel.common.events.sink import NULL_EVENT_SINK, Detail, EventSink
 from forefeel.common.messages import Grip, Handshake, HapticSample, MasterState, MotionCommand, SafetyState
 from forefeel.common.runtime.virtual import VirtualRuntime
 from forefeel.common.settings import AxisLimits, settings_hash
-from forefeel.common.topics import (
-    COMMAND,
-    EMERGENCY_STOP,
-    FORCE,
-    HAPTICS,
-    MASTER_HANDSHAKE,
-    MASTER_HEARTBEAT,
-    MASTER_STATE,
-    SLAVE_HANDSHAKE,
-    SLAVE_HEARTBEAT,
-    SLAVE_STATE,
-    Topic,
-)
 from forefeel.common.transport.memory import MemoryBus
 from forefeel.devices.simulated.settings import SimulatedGripperSettings, SimulatedLoadCellSettings
 from forefeel.devices.zaber.settings import ZaberSettings
@@ -63,7 +51,7 @@ class Book(EventSink):
     def __init__(self) -> None:
         self.noted: list[tuple[str, int, str, dict[str, Detail]]] = []
         self.flights: list[tuple[str, str]] = []
-        self.broken: str | None = None
+        self.broken: str | None = None  # why the latch can not be written
 
     def note(self, event: str, now_ns: int, axis: str = "", /, **details: Detail) -> None:
         self.noted.append((event, now_ns, axis, details))
@@ -256,42 +244,40 @@ class SlaveRig(Party):
     def state(self) -> SafetyState:
         """Safety state as it is published now."""
         self.axis.report(self.now_ns)
-        return self.newest(SLAVE_STATE).state
+        return self.newest(topics.SLAVE_STATE).state
 
     @property
     def reason(self) -> str:
-        return self.newest(SLAVE_STATE).reason
+        return self.newest(topics.SLAVE_STATE).reason
 
     def counters(self) -> dict[str, int]:
         self.axis._take_commands()
         self.axis.report(self.now_ns)
-        return self.newest(SLAVE_STATE).counters
+        return self.newest(topics.SLAVE_STATE).counters
 
     def shake(self, session_id: int | None = None, **changes: Any) -> Handshake:  # noqa: ANN401 - any field
         """Asks for a session; the slave's answer."""
-        self.say(MASTER_HANDSHAKE, self.session_id if session_id is None else session_id, **changes)
+        self.say(topics.MASTER_HANDSHAKE, self.session_id if session_id is None else session_id, **changes)
         self.axis.serve(self.now_ns)
-        return self.newest(SLAVE_HANDSHAKE)
+        return self.newest(topics.SLAVE_HANDSHAKE)
 
     def beat(self) -> None:
         """Sends the master's heartbeat, which echoes the slave's newest: a network without delay."""
-        beats = self.messages(SLAVE_HEARTBEAT)
-        echo_ns = beats[-1].stamp_ns if beats else None
-        receive_ns = None if echo_ns is None else self.masters_ns(echo_ns)
-        stamp_ns = self.masters_ns(self.now_ns)
-        self.say(
-            MASTER_HEARTBEAT, self.session_id, stamp_ns, echo_stamp_ns=echo_ns, echo_receive_ns=receive_ns
-        )
+        echo = dict[str, int]()
+        if beats := self.messages(topics.SLAVE_HEARTBEAT):
+            stamp_ns = beats[-1].stamp_ns
+            echo = {"echo_stamp_ns": stamp_ns, "echo_receive_ns": self.masters_ns(stamp_ns)}
+        self.say(topics.MASTER_HEARTBEAT, self.session_id, self.masters_ns(self.now_ns), **echo)
 
     def next_command(self) -> MotionCommand:
         stamp_ns, fields = self.masters_ns(self.now_ns), {"deadman": self.deadman, **self.fields}
-        return self.write(COMMAND, self.session_id, stamp_ns, position_m=self.position_m, **fields)
+        return self.write(topics.COMMAND, self.session_id, stamp_ns, position_m=self.position_m, **fields)
 
     def command(self) -> MotionCommand:
-        return self.send(COMMAND, self.next_command())
+        return self.send(topics.COMMAND, self.next_command())
 
     def stop(self, reason: str = "pressed") -> None:
-        self.say(EMERGENCY_STOP, 0, reason=reason)
+        self.say(topics.EMERGENCY_STOP, 0, reason=reason)
 
     def step(self, ticks: int = 1) -> None:
         for _ in range(ticks):
@@ -326,11 +312,7 @@ class SlaveRig(Party):
 
 
 class MasterRig(Party):
-    """A master axis at 1 kHz and a slave whose messages a test writes, 10 ms late.
-
-    Attributes:
-        slave_ns: the slave's clock minus the master's.
-    """
+    """A master axis at 1 kHz and a slave whose messages a test writes, 10 ms late."""
 
     def __init__(self) -> None:
         super().__init__(MemoryBus(), VirtualClock(1000 * MS))
@@ -346,41 +328,39 @@ class MasterRig(Party):
             self._axis_bus,
             count(101).__next__,
         )
-        self.slave_ns = 0
         self.force_n = 0.3
 
-    def tell(self, topic: Topic[Any], session_id: int | None = None, **fields: Any) -> None:  # noqa: ANN401
+    def tell(self, topic: topics.Topic[Any], session_id: int | None = None, **fields: Any) -> None:  # noqa: ANN401
         """Publishes a message of the slave in the axis' session, or another one."""
         holder = self.axis.session.session_id if session_id is None else session_id
-        self.say(topic, holder, **{"stamp_ns": self.now_ns - 10 * MS + self.slave_ns, **fields})
+        self.say(topic, holder, **{"stamp_ns": self.now_ns - 10 * MS, **fields})
 
     def answer(self, accepted: bool = True, shared: str = SHARED, **changes: Any) -> None:  # noqa: ANN401
-        asked = self.messages(MASTER_HANDSHAKE)
+        asked = self.messages(topics.MASTER_HANDSHAKE)
         fields: dict[str, Any] = {
             "accepted": accepted, "settings": shared, "settings_hash": settings_hash(shared),
             "answers_stamp_ns": asked[-1].stamp_ns if asked else None, "full_scale_n": FULL_SCALE_N,
             "instance_id": 7,
         }  # fmt: skip
-        self.tell(SLAVE_HANDSHAKE, **fields | changes)
+        self.tell(topics.SLAVE_HANDSHAKE, **fields | changes)
 
     def compare_clocks(self) -> None:
         """Exchanges two heartbeats, 10 ms each way."""
         for _ in range(2):
             self.axis.beat(self.now_ns)
-            sent_ns = self.newest(MASTER_HEARTBEAT).stamp_ns
+            sent_ns = self.newest(topics.MASTER_HEARTBEAT).stamp_ns
             self.clock.set_ns(sent_ns + 20 * MS)
-            there_ns = sent_ns + 10 * MS + self.slave_ns
-            self.tell(SLAVE_HEARTBEAT, echo_stamp_ns=sent_ns, echo_receive_ns=there_ns)
+            self.tell(topics.SLAVE_HEARTBEAT, echo_stamp_ns=sent_ns, echo_receive_ns=sent_ns + 10 * MS)
 
     def say_state(self, state: SafetyState = SafetyState.ARMED, session_id: int | None = None) -> None:
-        self.tell(SLAVE_STATE, session_id, state=state, reason="", position_m=0.05, counters={})
+        self.tell(topics.SLAVE_STATE, session_id, state=state, reason="", position_m=0.05, counters={})
 
     def say_force(self, session_id: int | None = None, **changes: Any) -> None:  # noqa: ANN401 - any field
         fields: dict[str, Any] = {"position_m": 0.05, "force_n": self.force_n}
-        if commands := self.messages(COMMAND):
+        if commands := self.messages(topics.COMMAND):
             newest = commands[-1]
             fields |= {"answers_sequence": newest.sequence, "answers_stamp_ns": newest.stamp_ns}
-        self.tell(FORCE, session_id, **fields | changes)
+        self.tell(topics.FORCE, session_id, **fields | changes)
 
     def push(self, ticks: int) -> None:
         """Moves the hand in by 3 mm/s: a force is felt by who pushes against it."""
@@ -401,11 +381,11 @@ class MasterRig(Party):
 
     @property
     def commands(self) -> list[MotionCommand]:
-        return self.messages(COMMAND)
+        return self.messages(topics.COMMAND)
 
     @property
     def haptics(self) -> list[HapticSample]:
-        return self.messages(HAPTICS)
+        return self.messages(topics.HAPTICS)
 
     def shown(self) -> SafetyState | None:
         return self.handle.shown.state
@@ -413,7 +393,7 @@ class MasterRig(Party):
     def reported(self) -> MasterState:
         """The master's state as it is published now."""
         self.axis.report(self.now_ns)
-        return self.newest(MASTER_STATE)
+        return self.newest(topics.MASTER_STATE)
 
 
 class Cell:

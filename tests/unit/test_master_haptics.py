@@ -55,43 +55,22 @@ class Bench:
         return out
 
 
-def _said(out: HapticOutputs) -> float | None:
-    return out.predicted.force_n if out.predicted else None
-
-
-def test_the_hand_feels_the_prediction_and_not_the_late_force() -> None:
-    out = Bench().tick(300)
-    assert (out.rendered_n, _said(out), out.zoh_n, out.hits) == (1.0, 1.0, 0.7, ())
-
-
-def test_for_comparison_the_hand_feels_the_late_force() -> None:
-    out = Bench(RenderingSettings(source="zoh")).tick(300)
-    assert (out.rendered_n, _said(out), out.zoh_n) == (0.7, 1.0, 0.7)
-
-
-def test_the_model_sees_the_position_of_the_command_and_the_velocity_of_the_handle() -> None:
-    bench = Bench()
-    bench.reading = HandleReading(0.1, 0.0, False)
-    bench.tick()
-    bench.reading = HandleReading(0.105, 0.003, True)
-    out = bench.tick()
-    assert out.position_m == pytest.approx(0.025)
-    assert bench.predictor.asked[-1] == (bench.now_ns, out.position_m, 0.003)
-    assert out.velocity_m_s == 0.003
-
-
 def test_the_model_is_told_what_is_commanded_and_nothing_before_the_session() -> None:
     bench = Bench()
     bench.in_session = False
+    bench.reading = HandleReading(0.1, 0.0, False)
     assert bench.tick().predicted is None
     assert not bench.predictor.asked
     bench.in_session = True
     bench.reading = HandleReading(0.105, 0.003, False)
     out = bench.tick()
     assert bench.predictor.asked[-1][2] == out.velocity_m_s == 0.0  # the stage does not follow this hand
-    bench.reading = HandleReading(0.105, 0.003, True)
-    bench.tick()
+    bench.reading = HandleReading(0.110, 0.003, True)
+    out = bench.tick()
     assert bench.predictor.held
+    assert out.position_m == pytest.approx(0.02 + 0.110 - 0.105)
+    assert bench.predictor.asked[-1] == (bench.now_ns, out.position_m, 0.003)
+    assert out.velocity_m_s == 0.003
     bench.released = True
     bench.tick()
     assert not bench.predictor.held
@@ -114,23 +93,11 @@ def test_forces_that_keep_coming_but_are_old_by_measurement_are_not_felt(late_ns
     bench.tick(300)
     bench.late_ns = late_ns
     assert bench.tick(200).rendered_n == 0.0
-    bench.late_ns = 99 * MS
+    bench.late_ns, bench.state = 99 * MS, S.ENGAGING
     assert bench.tick(300).rendered_n == 1.0
 
 
-@pytest.mark.parametrize("state", [None, *(s for s in SafetyState if s not in (S.ENGAGING, S.ARMED))])
-def test_a_force_is_felt_only_while_the_slave_follows(state: S | None) -> None:
-    bench = Bench()
-    bench.tick(300)
-    bench.state = state
-    assert bench.tick(201).rendered_n == 0.0
-    bench.state = S.ENGAGING
-    assert bench.tick(300).rendered_n == 1.0
-
-
-def test_a_dead_renderer_and_a_stale_force_end_the_following_and_a_new_press_begins_it_anew(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_dead_renderer_or_stale_force_ends_following_until_a_press(monkeypatch: pytest.MonkeyPatch) -> None:
     for dead in (True, False):
         bench = Bench()
         assert bench.tick(500).deadman
@@ -154,7 +121,7 @@ def test_a_dead_renderer_and_a_stale_force_end_the_following_and_a_new_press_beg
         (RenderingSettings(force_scale=100.0), 1.0, S.ARMED),
     ],
 )
-def test_where_nothing_wrong_is_felt_the_following_goes_on(
+def test_nothing_wrong_lets_following_go_on(
     settings: RenderingSettings, answer: float | None, state: S
 ) -> None:
     bench = Bench(settings)
@@ -200,17 +167,11 @@ def test_whatever_happens_the_force_is_finite_limited_slewed_and_never_of_stale_
 METRE = st.floats(-1.0, 1.0)
 
 
-def reading(position_m: float, deadman: bool) -> HandleReading:
-    return HandleReading(position_m, 0.0, deadman)
-
-
 @given(st.lists(st.tuples(METRE, st.booleans(), st.one_of(st.none(), METRE)), min_size=1, max_size=50))
-def test_while_the_clutch_is_closed_the_command_moves_exactly_with_the_handle(
-    steps: list[tuple[float, bool, float | None]],
-) -> None:
+def test_closed_clutch_moves_command_with_handle(steps: list[tuple[float, bool, float | None]]) -> None:
     clutch, before = Clutch(), None
     for handle_m, closed, stage_m in steps:
-        command_m = clutch.command_m(reading(handle_m, closed), stage_m)
+        command_m = clutch.command_m(HandleReading(handle_m, 0.0, closed), stage_m)
         if closed and before is not None:
             assert abs((command_m - before[0]) - (handle_m - before[1])) < 1e-12
         if not closed and stage_m is not None:
@@ -235,3 +196,10 @@ def test_the_stage_is_expected_where_it_follows_and_stays_where_it_was_let_go() 
         bench.tick()
         expected_m.append(bench.loop.stage_m)
     assert expected_m == [0.02, 0.02, 0.03, 0.03, 0.02, 0.02]
+
+
+@pytest.mark.parametrize(("settings", "felt_n"), [(SETTINGS, 1.0), (RenderingSettings(source="zoh"), 0.7)])
+def test_hand_feels_the_prediction_or_the_late_force(settings: RenderingSettings, felt_n: float) -> None:
+    out = Bench(settings).tick(300)
+    assert out.predicted is not None
+    assert (out.rendered_n, out.predicted.force_n, out.zoh_n, out.hits) == (felt_n, 1.0, 0.7, ())

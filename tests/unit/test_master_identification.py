@@ -134,15 +134,14 @@ def test_the_contact_is_found_through_loss_and_disorder() -> None:
 
 
 @pytest.mark.parametrize("changes", [{"valid": False}, {"gripper": Grip.OPEN}])
-def test_a_force_that_says_nothing_of_the_contact_is_counted_and_not_learned_from(
-    changes: dict[str, object],
-) -> None:
+def test_force_that_says_nothing_of_the_contact_is_only_counted(changes: dict[str, object]) -> None:
     master = Master()
     for n in range(1000):
         sample = answer(n, force_n(n), **changes)
         master.step(sample)
         master.learn([sample])
     assert (master.task.used, master.task.unused) == (0, 1000)
+    assert set(master.said_n) == {None}
     assert not master.task.snapshot.learned.values["theta"].any()
 
 

@@ -1,4 +1,4 @@
-"""The synthetic operator: reaches, tremor, arm, and when the person presses and lets go."""
+"""Simulated hands: reaches, tremor, arm, when a person presses and lets go; a recording that is played."""
 
 from itertools import pairwise
 from math import sqrt
@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forefeel.common.messages import SafetyState
+from forefeel.common.recording.recording import Recording
 from forefeel.devices.simulated.operator import (
     REACTION_S,
     Act,
@@ -18,6 +19,7 @@ from forefeel.devices.simulated.operator import (
     SimulatedOperatorPolicy,
     Tremor,
 )
+from forefeel.devices.simulated.playback import Playback, RecordedMotion
 from forefeel.devices.simulated.settings import OperatorSettings
 from forefeel.master.handle import HandleReading, Indication
 
@@ -27,51 +29,50 @@ STILL = OperatorSettings(tremor_m=0.0)
 
 
 class Session:
-    """An operator at 1 kHz in front of a slave that arms 50 ms after the press; its stage is the handle."""
+    """A hand at 1 kHz in front of a slave that arms 50 ms after the press and whose stage follows it."""
 
-    def __init__(self, settings: OperatorSettings = STILL, seed: int = 0) -> None:
-        self.operator = Operator(settings, seed)
+    def __init__(self, handle: Operator | Playback, stage_m: float = 0.0) -> None:
+        self.handle, self.stage_m = handle, stage_m
         self.now_ns = 5_000 * MS
         self.pressed_ms = 0
-        self.state: S | None = S.READY
-        self.stage_m = 0.0
         self.readings = list[HandleReading]()
 
-    def run(self, seconds: float, state: S | None = None, force_n: float = 0.0) -> list[HandleReading]:
+    def run(
+        self, seconds: float, state: S | None = None, force_n: float = 0.0, tick_ns: int = MS
+    ) -> list[HandleReading]:
         """As READY and ARMED follow from the deadman, or in a given state all the time."""
-        begin = len(self.readings)
-        for _ in range(round(seconds * 1000)):
-            self.now_ns += MS
-            self.pressed_ms = self.pressed_ms + 1 if self.operator.person.pressed else 0
+        begin, end_ns = len(self.readings), self.now_ns + round(seconds * 1000) * MS
+        while self.now_ns < end_ns:
+            self.now_ns += tick_ns
             shown = state or (S.ARMED if self.pressed_ms > 50 else S.READY)
-            self.operator.show(Indication(shown, self.stage_m))
-            self.operator.render(force_n, self.now_ns)
-            self.readings.append(self.operator.read(self.now_ns))
+            self.handle.show(Indication(shown, self.stage_m))
+            self.handle.render(force_n, self.now_ns)
+            reading = self.handle.read(self.now_ns)
+            self.pressed_ms = self.pressed_ms + 1 if reading.deadman else 0
+            if reading.deadman and shown is S.ARMED:
+                self.stage_m = reading.position_m
+            self.readings.append(reading)
         return self.readings[begin:]
 
 
 def test_strokes_go_in_to_the_depth_and_back_home() -> None:
-    session = Session()
     settings = STILL
-    positions = [reading.position_m for reading in session.run(30.0)]
+    positions = [reading.position_m for reading in Session(Operator(STILL, 0)).run(30.0)]
     deepest = max(positions)
     assert 0.8 <= (deepest - settings.home_m) / settings.depth_m <= 1.25
-    turns = [
-        b for a, b, c in zip(positions, positions[1:], positions[2:], strict=False) if (b - a) * (c - b) < 0
-    ]
+    turns = [positions[i] for i in np.flatnonzero(np.diff(np.sign(np.diff(positions)))) + 1]
     strokes = sum(abs(later - before) > 0.015 for before, later in pairwise(turns))
     assert strokes >= 10
     assert min(positions[3000:]) == pytest.approx(settings.home_m, abs=2e-3)
 
 
 def test_the_rendered_force_pushes_the_hand_back() -> None:
-    free, pushed = Session(), Session()
-    free.run(3.0)
-    pushed.run(3.0)
-    free.run(1.0, S.IDLE)
-    pushed.run(1.0, S.IDLE, force_n=2.0)
-    yielded_m = free.readings[-1].position_m - pushed.readings[-1].position_m
-    assert yielded_m == pytest.approx(2.0 / STILL.arm_stiffness_n_m, rel=1e-3)
+    at_m = list[float]()
+    for force_n in (0.0, 2.0):
+        session = Session(Operator(STILL, 0))
+        session.run(3.0)
+        at_m.append(session.run(1.0, S.IDLE, force_n)[-1].position_m)
+    assert at_m[0] - at_m[1] == pytest.approx(2.0 / STILL.arm_stiffness_n_m, rel=1e-3)
 
 
 METRE = st.floats(-0.5, 0.5)
@@ -79,12 +80,9 @@ DURATION = st.floats(0.05, 60.0)
 
 
 @given(METRE, METRE, DURATION)
-def test_a_reach_begins_and_ends_at_rest_where_it_is_told(
-    start_m: float, end_m: float, duration_s: float
-) -> None:
+def test_reach_begins_and_ends_at_rest_where_told(start_m: float, end_m: float, duration_s: float) -> None:
     reach = MinimumJerk(start_m, end_m, duration_s)
-    assert reach.at(0.0) == (start_m, 0.0)
-    assert reach.at(-1.0) == (start_m, 0.0)
+    assert reach.at(0.0) == reach.at(-1.0) == (start_m, 0.0)
     position_m, velocity_m_s = reach.at(duration_s)
     assert position_m == pytest.approx(end_m, abs=1e-12)
     assert velocity_m_s == 0.0
@@ -107,19 +105,9 @@ def test_tremor_is_between_6_and_12_hz_and_within_its_amplitude(seed: int) -> No
     assert np.sqrt(np.mean(x**2)) == pytest.approx(sqrt(3 / 2) * 2e-4 / 3, rel=0.1)
 
 
-STATES = (None, *SafetyState)
-
-
 def looked(person: SimulatedOperatorPolicy, now_s: float, state: SafetyState | None) -> Act:
     person.look(now_s, state)
     return person.act
-
-
-def armed(now_s: float = 10.0) -> SimulatedOperatorPolicy:
-    person = SimulatedOperatorPolicy()
-    assert looked(person, now_s, S.READY) is Act.PRESSING
-    assert looked(person, now_s + 0.3, S.ARMED) is Act.MOVING
-    return person
 
 
 def test_who_is_not_armed_within_three_seconds_lets_go_and_tries_again() -> None:
@@ -132,8 +120,9 @@ def test_who_is_not_armed_within_three_seconds_lets_go_and_tries_again() -> None
 
 
 def test_letting_go_by_choice_is_no_stop_and_its_time_is_counted_until_armed() -> None:
-    person = armed(10.0)
-    person.look(11.0, S.ARMED)
+    person = SimulatedOperatorPolicy()
+    assert looked(person, 10.0, S.READY) is Act.PRESSING
+    assert looked(person, 10.3, S.ARMED) is looked(person, 11.0, S.ARMED) is Act.MOVING
     person.release(11.0)
     for i in range(1, 13):
         person.look(11.0 + i * 0.1, S.READY)
@@ -143,10 +132,8 @@ def test_letting_go_by_choice_is_no_stop_and_its_time_is_counted_until_armed() -
     assert person.clutched_out_s == pytest.approx(1.4)
 
 
-@given(st.lists(st.tuples(st.floats(0.001, 1.0), st.sampled_from(STATES)), max_size=80))
-def test_a_press_begins_at_ready_only_and_never_sooner_than_the_reaction(
-    glances: list[tuple[float, SafetyState | None]],
-) -> None:
+@given(st.lists(st.tuples(st.floats(0.001, 1.0), st.sampled_from([None, *SafetyState])), max_size=80))
+def test_press_waits_for_ready_and_the_reaction(glances: list[tuple[float, SafetyState | None]]) -> None:
     person, now_s = SimulatedOperatorPolicy(), 100.0
     released_s = now_s - REACTION_S
     for pause_s, state in glances:
@@ -160,3 +147,53 @@ def test_a_press_begins_at_ready_only_and_never_sooner_than_the_reaction(
             assert state is S.ARMED
         if was is not Act.WAITING and act is Act.WAITING:
             released_s = now_s
+
+
+# --- a recording that is played ---
+
+
+RATE = np.arange(51) * 0.01  # half a second at 100 Hz
+GAPPED = Recording(
+    "test",
+    np.concatenate([100.0 + RATE, 104.0 + RATE]),
+    np.concatenate([0.010 + 0.02 * RATE, 0.060 - 0.03 * RATE]),
+    None,
+    "test.csv",
+)
+
+
+class Playing(Session):
+    def __init__(self) -> None:
+        super().__init__(Playback(RecordedMotion(GAPPED), 0.03), stage_m=0.03)
+
+    def play(self, count: int) -> float:
+        """Plays on until so many readings were played; time of the last."""
+        while len(self.played()) < count:
+            self.run(0.001)
+        return self.played()[-1].recording_time_s or 0.0
+
+    def played(self) -> list[HandleReading]:
+        return [reading for reading in self.readings if reading.recording_time_s is not None]
+
+
+def test_a_recording_is_cut_into_pieces_at_its_gaps() -> None:
+    assert RecordedMotion(GAPPED).pieces == [(100.0, 100.5), (104.0, 104.5)]
+
+
+def test_a_stop_in_the_middle_goes_on_at_the_same_time_after_it() -> None:
+    session = Playing()
+    stopped_s = session.play(200)
+    session.stage_m += 0.004  # the stage came to rest a little further on
+    assert not any(reading.deadman for reading in session.run(0.3, S.STOPPING))
+    count = len(session.played())
+    session.run(3.0)
+    again = session.played()[count]
+    assert again.recording_time_s == pytest.approx(stopped_s + 1e-3, abs=1e-9)
+    assert again.position_m == RecordedMotion(GAPPED).at(again.recording_time_s or 0.0)[0]
+
+
+def test_a_late_tick_skips_no_more_than_fifty_milliseconds() -> None:
+    session = Playing()
+    before_s = session.play(50)
+    session.run(0.3, tick_ns=300 * MS)
+    assert session.play(0) - before_s == pytest.approx(0.050)

@@ -9,7 +9,7 @@ from forefeel.common.causes.model import SCHEMA, ContactModel
 from forefeel.common.estimation.evaluator import Estimate
 from forefeel.common.estimation.learner import Learner
 from forefeel.common.limiter import MotionLimiter
-from forefeel.common.messages import ForceSample, Grip
+from forefeel.common.messages import ForceSample
 from forefeel.common.settings import AxisLimits
 from forefeel.master.prediction import ExpectedSetpoint, ForcePrediction, IdentificationTask
 from tests.messages import force
@@ -34,14 +34,14 @@ class Bench:
         self.samples = list[ForceSample]()
         self.commands = list[tuple[int, float, float]]()
 
-    def step(self, grip: Grip = Grip.CLOSED) -> tuple[int, float, float]:
+    def step(self) -> tuple[int, float, float]:
         """The next command; the slave executes it and measures."""
         n = len(self.samples)
         command_m, before_m = _reach(n * 1e-3), self._drive.x
         position_m = self._drive.step(command_m)
         velocity_m_s = (position_m - before_m) * 1e3
         force_n = STIFFNESS * position_m + DAMPING * velocity_m_s + 0.002 * self._noise.standard_normal()
-        moved = {"position_m": position_m, "velocity_m_s": velocity_m_s, "force_n": force_n, "gripper": grip}
+        moved = {"position_m": position_m, "velocity_m_s": velocity_m_s, "force_n": force_n}
         self.samples.append(force(n + 1, (n + 77_000) * MS, (n + 1, (n + 5) * MS), **moved))
         self.commands.append(((n + 5) * MS, command_m, (command_m - _reach((n - 1) * 1e-3)) * 1e3))
         return self.commands[-1]
@@ -116,11 +116,3 @@ def test_what_the_slaves_force_limit_left_corrects_the_setpoint_expected() -> No
     assert lie.force_limited
     expected.correct(lie, 0.0)
     assert expected.follow(4000 * MS, 0.0, 0.0, deadman=True) <= limits.workspace_m[1]
-
-
-def test_a_force_of_the_open_fixture_is_not_learned_from() -> None:
-    bench, prediction = Bench(), ForcePrediction(LIMITS)
-    task = IdentificationTask(prediction, Learner(prediction.evaluator))
-    for _ in range(600):
-        step = bench.step(Grip.OPEN)
-        assert prediction.predict(*step, True, task.snapshot, bench.arrived) is None

@@ -8,7 +8,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from forefeel.common.limiter import LimitHit
-from forefeel.master.passivity import PassivityLimit, PassivityObserver
 from forefeel.master.rendering import ForceRenderer
 from forefeel.master.settings import RenderingSettings
 
@@ -25,10 +24,6 @@ class Hand:
         self.now_ns = 0
         self.position_m = self.energy_j = 0.0
         self.hits: tuple[LimitHit, ...] = ()
-
-    @property
-    def limited(self) -> bool:
-        return bool(self.hits)
 
     def feel(
         self,
@@ -92,35 +87,6 @@ def all_settings(draw: st.DrawFn) -> RenderingSettings:
     )
 
 
-@given(all_settings(), st.lists(STEP, min_size=1, max_size=20))
-def test_the_force_is_finite_and_limited_and_only_ever_jumps_towards_zero(
-    settings: RenderingSettings, steps: Steps
-) -> None:
-    hand = Hand(settings)
-    for contact_n, live, ticks, tick_ns, speed_m_s in steps:
-        for _ in range(ticks):
-            before_n = hand.renderer.force_n
-            force_n = hand.feel(contact_n, live, 1, tick_ns, speed_m_s)
-            assert isfinite(force_n)
-            assert abs(force_n) <= settings.max_force_n
-            slewed_n = settings.max_slew_n_s * min(tick_ns * 1e-9, 0.010) * (1 + 1e-9) + 1e-12
-            if abs(force_n - before_n) > slewed_n:
-                assert abs(force_n) < abs(before_n)
-                assert hand.hits[-1].rule == "rendered_energy"
-
-
-@given(all_settings(), st.lists(STEP, max_size=12), st.sampled_from([1.0, nan, None]))
-def test_from_wherever_it_is_the_force_is_gone_when_the_fade_is_over(
-    settings: RenderingSettings, steps: Steps, then: float | None
-) -> None:
-    hand = Hand(settings)
-    for contact_n, live, ticks, tick_ns, speed_m_s in steps:
-        hand.feel(contact_n, live, ticks, tick_ns, speed_m_s)
-    ticks = round(settings.fade_s * 1000) + 2
-    assert abs(hand.feel(then, live=False, ticks=ticks)) <= 1e-9
-    assert hand.feel(then, live=False, ticks=50) == 0.0
-
-
 def test_a_wall_is_no_stiffer_than_the_bound() -> None:
     """A contact of 100 N/mm, felt through a bound of 0.8 N/mm."""
     hand = Hand(RenderingSettings(max_stiffness_n_m=800.0, max_slew_n_s=10_000.0))
@@ -147,35 +113,6 @@ def test_a_late_force_holds_a_trembling_hand_without_a_buzz() -> None:
 
 
 DT_S = 1e-3
-
-
-def _oscillate(force: float, phase_rad: float, limit: PassivityLimit | None = None) -> list[float]:
-    """E in J over four seconds of x = 5 mm sin(w t) under f = force sin(w t + phase), active for a negative
-    phase.
-    """
-    observer, w = PassivityObserver(), 2.0 * pi
-    before_m, applied_n, energies_j = 0.0, 0.0, []
-    for n in range(4000):
-        position_m = 0.005 * sin(w * n * DT_S)
-        moved_m = position_m - before_m
-        energies_j.append(observer.observe(moved_m, applied_n))
-        asked_n = force * sin(w * n * DT_S + phase_rad)
-        if limit is not None:
-            limit.observe(moved_m, applied_n)
-            asked_n = limit.limited_n(asked_n, applied_n, moved_m / DT_S, DT_S)
-        before_m, applied_n = position_m, asked_n
-    return energies_j
-
-
-@pytest.mark.parametrize("phase_rad", [0.5 * pi, -0.5 * pi, 0.3])
-def test_the_energy_is_the_integral_of_force_times_velocity(phase_rad: float) -> None:
-    """Over whole periods: pi A F sin(phase) for each."""
-    assert _oscillate(1.0, phase_rad)[-1] == pytest.approx(4 * pi * 0.005 * sin(phase_rad), abs=2e-4)
-
-
-def test_an_active_force_gives_energy_and_its_limit_lets_it_give_none() -> None:
-    assert min(_oscillate(1.0, -1.0)) < -0.04
-    assert min(_oscillate(1.0, -1.0, PassivityLimit(4.0, 80.0, 4000.0))) > -5e-4
 
 
 def test_friction_saves_up_no_more_than_a_spring_gives_back() -> None:
@@ -248,3 +185,23 @@ def test_no_target_and_no_motion_up_to_20_m_s2_gives_the_hand_energy(
             adversary.move(acceleration_m_s2, contact_n, live)
     assert adversary.lowest_j >= -1e-3
     assert adversary.hand.energy_j == pytest.approx(adversary.put_in_j[stated_ticks], abs=1e-9)
+
+
+@given(all_settings(), st.lists(STEP, max_size=20), st.sampled_from([1.0, nan, None]))
+def test_the_force_is_finite_and_limited_only_jumps_towards_zero_and_is_gone_when_the_fade_is_over(
+    settings: RenderingSettings, steps: Steps, then: float | None
+) -> None:
+    hand = Hand(settings)
+    for contact_n, live, ticks, tick_ns, speed_m_s in steps:
+        for _ in range(ticks):
+            before_n = hand.renderer.force_n
+            force_n = hand.feel(contact_n, live, 1, tick_ns, speed_m_s)
+            assert isfinite(force_n)
+            assert abs(force_n) <= settings.max_force_n
+            slewed_n = settings.max_slew_n_s * min(tick_ns * 1e-9, 0.010) * (1 + 1e-9) + 1e-12
+            if abs(force_n - before_n) > slewed_n:
+                assert abs(force_n) < abs(before_n)
+                assert hand.hits[-1].rule == "rendered_energy"
+    ticks = round(settings.fade_s * 1000) + 2
+    assert abs(hand.feel(then, live=False, ticks=ticks)) <= 1e-9
+    assert hand.feel(then, live=False, ticks=50) == 0.0

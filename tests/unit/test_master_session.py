@@ -7,14 +7,21 @@ from forefeel.master.session import Session, SessionState
 MS = 1_000_000
 
 
-def session() -> Session:
-    return Session(count(11).__next__)
-
-
 def asked() -> Session:
-    asking = session()
+    asking = Session(count(11).__next__)
     assert asking.should_ask(0)
     return asking
+
+
+def test_it_asks_at_once_and_again_every_quarter_of_a_second_until_it_is_accepted() -> None:
+    asking = asked()
+    times = [ms for ms in range(50, 1001, 50) if asking.should_ask(ms * MS)]
+    assert times == [250, 500, 750, 1000]
+    assert (asking.session_id, asking.state) == (11, SessionState.ASKING)
+    assert asking.cause(12_400 * MS) == "no answer from the slave for 12 s"
+    asking.answered(11, True, "", 1000 * MS, 1030 * MS)
+    assert (asking.state, asking.heard_ns) == (SessionState.OPEN, 1030 * MS)
+    assert not asking.should_ask(1900 * MS)
 
 
 def opened() -> Session:
@@ -23,28 +30,31 @@ def opened() -> Session:
     return asking
 
 
-def test_it_asks_at_once_and_again_every_quarter_of_a_second() -> None:
-    asking = session()
-    times = [ms for ms in range(0, 1001, 50) if asking.should_ask(ms * MS)]
-    assert times == [0, 250, 500, 750, 1000]
-    assert (asking.session_id, asking.state) == (11, SessionState.ASKING)
-    assert asking.cause(12_400 * MS) == "no answer from the slave for 12 s"
-
-
 def test_what_keeps_the_slave_from_being_heard_is_said_instead_of_its_silence() -> None:
     asking = asked()
     asking.obstacle = "10.0.0.2:7447 refuses the connection"
-    assert asking.cause(9000 * MS) == "10.0.0.2:7447 refuses the connection"
+    assert asking.cause(9000 * MS) == asking.obstacle
     asking.heard_state(0, 10_000 * MS)
-    assert asking.cause(10_100 * MS) == "no answer to the handshake for 10 s"
-    assert asking.cause(14_000 * MS) == "no state from the slave for 4.0 s"
+    assert "no answer to the handshake" in asking.cause(10_100 * MS)
+    assert "no state from the slave" in asking.cause(14_000 * MS)
 
 
-def test_an_acceptance_opens_it_and_it_asks_no_more() -> None:
-    asking = opened()
-    assert (asking.state, asking.heard_ns) == (SessionState.OPEN, 30 * MS)
-    assert asking.cause(40 * MS) == "the slave accepted the session within 30 ms"
-    assert not asking.should_ask(900 * MS)
+@pytest.mark.parametrize(
+    ("reason", "session_id"),
+    [
+        ("another session holds the lease", 11),
+        ("the stage is not at rest", 11),
+        ("this session id was used before", 12),
+    ],
+)
+def test_a_refusal_that_passes_is_asked_again_with_the_same_id_and_one_of_the_id_with_another(
+    reason: str, session_id: int
+) -> None:
+    asking = asked()
+    asking.answered(11, False, reason, 0, 10 * MS)
+    assert (asking.state, asking.session_id) == (SessionState.ASKING, session_id)
+    assert reason in asking.cause(20 * MS)
+    assert asking.should_ask(250 * MS)
 
 
 def test_an_answer_to_an_older_session_is_heard_but_changes_nothing() -> None:
@@ -65,21 +75,6 @@ def test_an_answer_that_took_longer_is_none_and_later_ones_find_another_id(accep
     assert asking.state is SessionState.ASKING
 
 
-@pytest.mark.parametrize("reason", ["another session holds the lease", "the stage is not at rest"])
-def test_a_refusal_that_passes_is_asked_again_with_the_same_id(reason: str) -> None:
-    asking = asked()
-    asking.answered(11, False, reason, 0, 10 * MS)
-    assert (asking.state, asking.session_id) == (SessionState.ASKING, 11)
-    assert asking.cause(20 * MS) == f"the slave refuses: {reason}"
-    assert asking.should_ask(250 * MS)
-
-
-def test_an_id_that_was_used_is_replaced() -> None:
-    asking = asked()
-    asking.answered(11, False, "this session id was used before", 0, MS)
-    assert (asking.state, asking.session_id) == (SessionState.ASKING, 12)
-
-
 def test_it_lives_as_long_as_the_slave_names_it_as_holder() -> None:
     asking = opened()
     for ms in range(0, 5000, 20):
@@ -96,9 +91,7 @@ def test_it_lives_as_long_as_the_slave_names_it_as_holder() -> None:
         (None, "no state from the slave for 1.0 s"),
     ],
 )
-def test_when_the_slave_names_another_or_nobody_for_a_second_it_asks_with_a_new_id(
-    named: int | None, cause: str
-) -> None:
+def test_unless_the_slave_names_it_for_a_second_it_asks_with_a_new_id(named: int | None, cause: str) -> None:
     asking = opened()
     asking.heard_state(11, 100 * MS)
     for ms in range(120, 1101, 20):

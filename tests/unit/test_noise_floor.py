@@ -51,12 +51,9 @@ def found(kind: object, rate_hz: float) -> tuple[NoiseFloor | None, float]:
 
 @pytest.mark.parametrize("rate_hz", [200.0, 500.0, 2000.0])
 @pytest.mark.parametrize(("kind", "slope"), [(white, 0.0), (pink, 1.0)])
-def test_level_and_colour_are_told_beside_friction_and_tremor(
-    kind: object, slope: float, rate_hz: float
-) -> None:
+def test_level_and_colour_show_beside_friction_and_tremor(kind: object, slope: float, rate_hz: float) -> None:
     floor, true_n = found(kind, rate_hz)
-    assert floor is not None
-    assert floor.slope == slope
+    assert floor is not None and floor.slope == slope
     assert floor.rms_n(1.0 / SECONDS, BAND_HZ) == pytest.approx(true_n, rel=0.2)
 
 

@@ -72,13 +72,6 @@ def test_windup_overflows_when_lambda_to_the_minus_k_does() -> None:
     assert paper.windup(0.95, seed=0).largest.max() > 1e4  # by how much is the machine's rounding
 
 
-def test_product_with_noise_does_not_wind_up() -> None:
-    found = paper.windup(None, seed=0)
-    assert found.overflow_s == np.inf
-    assert found.growth.max() <= 1.0
-    assert found.largest.max() == pytest.approx(0.99, abs=0.01)
-
-
 def test_more_samples_harm_the_paper_and_help_the_product() -> None:
     fast, slow = paper.memory_rms(100.0, 2), paper.memory_rms(10.0, 2)
     assert np.median(fast["paper"]) > 10 * np.median(slow["paper"])

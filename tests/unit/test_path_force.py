@@ -2,6 +2,7 @@
 
 from dataclasses import asdict, replace
 from datetime import date
+from itertools import accumulate
 from pathlib import Path
 
 import numpy as np
@@ -31,11 +32,8 @@ def bent(x: Floats) -> tuple[Floats, Floats]:
 
 
 def directions(x: Floats) -> Floats:
-    state, out = 0.0, []
-    for step in np.diff(x, prepend=x[:1]).tolist():
-        state = min(max(state + step / LENGTH_M, -1.0), 1.0)
-        out.append(state)
-    return np.array(out)
+    steps = (np.diff(x, prepend=x[:1]) / LENGTH_M).tolist()
+    return np.array([*accumulate(steps, lambda state, step: min(max(state + step, -1.0), 1.0))])
 
 
 def force(x: Floats, seed: int = 0) -> Floats:
@@ -83,26 +81,23 @@ def test_prior_holds_where_the_motion_has_not_been() -> None:
     off_n = path.nodes_n(deep) - known.nodes_n(deep)
     assert off_n[:30] == pytest.approx(0.05, abs=0.01)
     assert off_n[30:] == pytest.approx(0.0, abs=0.01)
+    assert path_force(np.full(100, 0.01), np.arange(100.0), np.ones(100), None) is None  # without motion
 
 
-def test_without_motion_there_is_none() -> None:
-    assert path_force(np.full(100, 0.01), np.arange(100.0), np.ones(100), None) is None
-
-
-def contact_of(force_n: Floats, x: Floats, prior: ContactPrior | None = None) -> tuple[ContactFit, Contact]:
-    fit, v = ContactFit(prior), np.gradient(x) * RATE_HZ
+def contact_of(force_n: Floats, x: Floats) -> Contact:
+    fit, v = ContactFit(), np.gradient(x) * RATE_HZ
     a = np.gradient(v) * RATE_HZ
     for k, row in enumerate(np.column_stack([x, v, a, force_n]).tolist()):
         fit.observe(k / RATE_HZ, *row)
         if (due := fit.due()) is not None:
             fit.apply(due.solve())
     assert fit.contact is not None
-    return fit, fit.contact
+    return fit.contact
 
 
 def test_force_by_place_comes_into_use_in_a_bent_vessel_and_starts_the_next_session(tmp_path: Path) -> None:
     x = moved(15.0)
-    _, contact = contact_of(force(x), x)
+    contact = contact_of(force(x), x)
     assert contact.by_place and contact.path is not None
     assert contact.left_n == contact.path.noise_n < 0.5 * contact.noise_n
     keep_prior(tmp_path, "wire", "one", contact.prior(), date(2026, 1, 1))
@@ -123,9 +118,8 @@ def test_causes_stay_in_use_where_they_explain_the_force() -> None:
     x = moved(15.0)
     v = np.gradient(x) * RATE_HZ
     noise = np.random.default_rng(1).normal(0.0, 1e-3, len(x))
-    _, contact = contact_of(np.asarray(6.0 * np.maximum(x - 0.01, 0.0) + 0.4 * v * (x > 0.01) + noise), x)
-    assert not contact.by_place
-    assert contact.prior().path is None
+    contact = contact_of(np.asarray(6.0 * np.maximum(x - 0.01, 0.0) + 0.4 * v * (x > 0.01) + noise), x)
+    assert not contact.by_place and contact.prior().path is None
 
 
 def test_stored_force_by_place_of_another_shape_is_refused(tmp_path: Path) -> None:

@@ -9,19 +9,12 @@ from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis import prediction
 
 RATE_HZ = 100.0
-MODEL = ContactModel.from_mapping(
-    {
-        "schema": "forefeel.model/1",
-        "name": "rubs",
-        "effects": [
-            {
-                "effect": "mass_damper_spring",
-                "parameters": {"mass_kg": 0.0, "damping_n_s_m": 1.0, "stiffness_n_m": 100.0},
-            },
-            {"effect": "presliding_hysteresis", "parameters": {"force_n": 0.8, "stiffness_n_m": 4e3}},
-        ],
-    }
-)
+SPRING = {"mass_kg": 0.0, "damping_n_s_m": 1.0, "stiffness_n_m": 100.0}
+EFFECTS = [
+    {"effect": "mass_damper_spring", "parameters": SPRING},
+    {"effect": "presliding_hysteresis", "parameters": {"force_n": 0.8, "stiffness_n_m": 4e3}},
+]
+MODEL = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "rubs", "effects": EFFECTS})
 
 
 def test_run_that_begins_at_rest_is_judged_where_it_moves(monkeypatch: pytest.MonkeyPatch) -> None:

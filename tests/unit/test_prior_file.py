@@ -12,7 +12,8 @@ import pytest
 
 from forefeel.common.errors import ConfigurationError, RunError
 from forefeel.common.estimation.contact_prior import ContactPrior, widened
-from forefeel.common.prior_file import Start, StoredPrior, keep_prior, load_prior, nearest, prior_path
+from forefeel.common.prior_file import StoredPrior, keep_prior, load_prior, nearest, prior_path
+from tests.unit.failing import refusing
 
 SPRING, CONTACT = "mass_damper_spring.stiffness_n_m", "contact_loss.contact_position_m"
 DAY = date(2025, 3, 1)
@@ -23,22 +24,29 @@ def keep(folder: Path, patient: str = "A", learned: ContactPrior = LEARNED, day:
     return keep_prior(folder, "catheter", patient, learned, day)
 
 
-def start(folder: Path, patient: str) -> Start:
-    found = nearest(folder, "catheter", patient)
-    assert found is not None
-    return found
-
-
 def test_own_prior_comes_back_with_the_spread_of_a_session(tmp_path: Path) -> None:
-    folder = tmp_path / "new" / "priors"
-    stored = keep(folder)
-    assert load_prior(folder / "catheter" / "A.json") == stored
-    found = start(folder, "A")
+    stored = keep(tmp_path)
+    assert load_prior(tmp_path / "catheter" / "A.json") == stored
+    found = nearest(tmp_path, "catheter", "A")
+    assert found is not None
     assert found.prior.names == LEARNED.names
     assert found.prior.values == pytest.approx(LEARNED.values)
     expected = widened(LEARNED, 1.0).standard_deviations
     assert found.prior.standard_deviations == pytest.approx(expected)
     assert found.origin == "catheter, patient A: 1 session, 12 s of contact"
+
+
+def test_another_patient_starts_from_the_newest_widened_another_instrument_from_none(tmp_path: Path) -> None:
+    keep(tmp_path, "old", day=date(2024, 1, 1))
+    newest = keep(tmp_path, "new", ContactPrior((SPRING,), (3.0,), ((0.01,),), 8.0)).prior()
+    keep_prior(tmp_path, "guidewire", "C", LEARNED, date(2026, 1, 1))
+    found = nearest(tmp_path, "catheter", "B")
+    assert found is not None
+    assert found.prior.values == newest.values
+    assert found.prior.standard_deviations[0] > widened(newest, 1.5).standard_deviations[0]
+    assert found.origin == "catheter, of another patient, new: 1 session, 8 s of contact"
+    assert found.patient == "new"
+    assert nearest(tmp_path, "stent", "A") is nearest(tmp_path / "none", "catheter", "A") is None
 
 
 def test_next_session_takes_the_place_of_what_it_started_from(tmp_path: Path) -> None:
@@ -47,23 +55,6 @@ def test_next_session_takes_the_place_of_what_it_started_from(tmp_path: Path) ->
     both = keep(tmp_path, learned=later, day=date(2025, 3, 2))
     assert (both.sessions, both.contact_s, both.date) == (2, 20.0, date(2025, 3, 2))
     assert (both.names, both.values, both.covariance) == (later.names, later.values, later.covariance)
-
-
-def test_another_patient_starts_from_the_newest_widened(tmp_path: Path) -> None:
-    keep(tmp_path, "old", day=date(2024, 1, 1))
-    newest = keep(tmp_path, "new", ContactPrior((SPRING,), (3.0,), ((0.01,),), 8.0)).prior()
-    keep_prior(tmp_path, "guidewire", "C", LEARNED, date(2026, 1, 1))
-    found = start(tmp_path, "B")
-    assert found.prior.values == newest.values
-    assert found.prior.standard_deviations[0] > widened(newest, 1.5).standard_deviations[0]
-    assert found.origin == "catheter, of another patient, new: 1 session, 8 s of contact"
-    assert found.patient == "new"
-
-
-def test_nothing_known_is_none(tmp_path: Path) -> None:
-    keep(tmp_path)
-    assert nearest(tmp_path, "guidewire", "A") is None
-    assert nearest(tmp_path / "none", "catheter", "A") is None
 
 
 def test_file_and_folders_are_for_the_owner_alone(tmp_path: Path) -> None:
@@ -78,28 +69,23 @@ def test_file_and_folders_are_for_the_owner_alone(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fails", ["replace", "fsync"])
-def test_interrupted_write_leaves_the_old_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str
-) -> None:
+def test_broken_write_keeps_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str) -> None:
     keep(tmp_path)
     path = tmp_path / "catheter" / "A.json"
     before = path.read_bytes()
-
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(os, fails, full)
-    with pytest.raises(RunError, match=r"A\.json: No space left on device, the prior is not written"):
+    monkeypatch.setattr(os, fails, refusing(OSError(28, "No space left on device")))
+    with pytest.raises(RunError, match=r"A\.json: No space left on device"):
         keep(tmp_path)
-    assert [each.name for each in path.parent.iterdir()] == ["A.json"]
+    assert list(path.parent.iterdir()) == [path]
     assert path.read_bytes() == before
 
 
 @pytest.mark.parametrize("key", ["", "a.b", "a/b", "..", "a\n", "ä", "x" * 65])
 def test_key_of_other_characters_is_refused(tmp_path: Path, key: str) -> None:
-    for instrument, patient in ((key, "A"), ("catheter", key)):
-        with pytest.raises(ConfigurationError, match="instrument" if instrument == key else "patient"):
-            prior_path(tmp_path, instrument, patient)
+    with pytest.raises(ConfigurationError, match="instrument"):
+        prior_path(tmp_path, key, "A")
+    with pytest.raises(ConfigurationError, match="patient"):
+        prior_path(tmp_path, "catheter", key)
 
 
 def changed(**fields: Any) -> Callable[[dict[str, Any]], str]:  # noqa: ANN401 - any JSON
@@ -129,9 +115,7 @@ SPOILED: dict[str, Callable[[dict[str, Any]], str]] = {
 
 
 @pytest.mark.parametrize("spoil", SPOILED.values(), ids=SPOILED)
-def test_spoiled_file_is_refused_in_one_line_and_kept(
-    tmp_path: Path, spoil: Callable[[dict[str, Any]], str]
-) -> None:
+def test_spoiled_file_is_refused_and_kept(tmp_path: Path, spoil: Callable[[dict[str, Any]], str]) -> None:
     keep(tmp_path)
     path = tmp_path / "catheter" / "A.json"
     text = spoil(json.loads(path.read_text()))

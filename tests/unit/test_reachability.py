@@ -62,56 +62,52 @@ def test_observer_at_a_router_is_told_the_mode() -> None:
 
 
 class Probing(SteppedHost):
-    """A host whose probes end when a test says so."""
+    """A host whose probes end when a test says so, if they do not end at once."""
 
-    def __init__(self, *found: Obstacle) -> None:
+    def __init__(self, ends: bool = True) -> None:
         super().__init__()
-        self.found, self.ends = list(found), True
+        self.ends = ends
         self.probes: list[Future[Any]] = []
         self.reported: list[str] = []
-        self.watch = AnswerWatch(lambda: self.found, lambda: "silent", self.reported.append, self)
+        self.watch = AnswerWatch(lambda: [REFUSED], lambda: "silent", self.reported.append, self)
 
     def in_thread(self, work: Any, name: str) -> "Future[Any]":  # noqa: ANN401 - of any result
-        future = super().in_thread(work, name) if self.ends else Future[Any]()
-        self.probes.append(future)
-        return future
+        self.probes.append(super().in_thread(work, name) if self.ends else Future[Any]())
+        return self.probes[-1]
+
+    def look(self, *at_s: float, known: str = "") -> None:
+        for each_s in at_s:
+            self.watch.look(round(each_s * S), known)
 
 
 def test_cause_is_reported_every_five_seconds() -> None:
-    host = Probing(REFUSED)
-    for tenth in range(1, 161):
-        host.watch.look(round(tenth * S / 10))
+    host = Probing()
+    host.look(*(tenth / 10 for tenth in range(1, 161)))
     assert [each.rpartition(" (")[2] for each in host.reported] == ["5.1 s)", "10 s)", "15 s)"]
     assert len(host.probes) == 3
     assert host.watch.last_cause == host.reported[-1]
 
 
 def test_one_probe_runs_at_a_time() -> None:
-    host = Probing(REFUSED)
-    host.ends = False
-    for at_s in range(30):
-        host.watch.look(at_s * S)
+    host = Probing(ends=False)
+    host.look(*range(30))
     assert (host.reported, len(host.probes)) == ([], 1)
     host.probes[0].set_result([REFUSED])
-    host.watch.look(30 * S)
+    host.look(30)
     assert len(host.reported) == 1 and REFUSED.what in host.reported[0]
 
 
 def test_known_cause_needs_no_probe() -> None:
-    host = Probing(REFUSED)
-    for at_s in range(8):
-        host.watch.look(at_s * S, "the slave refuses")
+    host = Probing()
+    host.look(*range(8), known="the slave refuses")
     assert host.reported == ["the slave refuses (5.0 s)"]
     assert (host.probes, host.watch.last_cause) == ([], "")
 
 
 def test_probe_that_ends_after_the_answer_is_not_reported() -> None:
-    host = Probing(REFUSED)
-    host.ends = False
-    for at_s in (0, 5):
-        host.watch.look(at_s * S)
+    host = Probing(ends=False)
+    host.look(0, 5)
     host.watch.over()
     host.probes[0].set_result([REFUSED])
-    for at_s in (20, 21):
-        host.watch.look(at_s * S)
+    host.look(20, 21)
     assert (host.reported, host.watch.last_cause) == ([], "")

@@ -27,17 +27,6 @@ def test_samples_are_float64_copies_that_can_not_be_written() -> None:
             values[0] = 1.0
 
 
-def test_length_duration_and_rate_ignore_a_gap_where_they_should() -> None:
-    made = recording([1.0, 1.01, 1.02, 5.0, 5.01], [0] * 5)
-    assert len(made) == 5
-    assert made.duration_s == pytest.approx(4.01)
-    assert made.rate_hz == pytest.approx(100.0)
-
-
-def test_a_rounded_interval_is_no_gap() -> None:
-    assert recording([0.1 * i for i in range(50)], [0.0] * 50).segments(0.1) == [slice(0, 50)]
-
-
 @given(st.lists(st.floats(0.001, 1.0), min_size=1, max_size=40), st.floats(0.001, 1.0))
 def test_segments_hold_every_sample_once_and_no_gap(intervals_s: list[float], gap_s: float) -> None:
     time_s = np.cumsum([0.0, *intervals_s])
@@ -69,3 +58,10 @@ def test_recording_mistake_is_named_by_its_place(
     with pytest.raises(RecordingError) as caught:
         recording(time_s, position_m, force_n)
     assert str(caught.value).startswith(f"r.csv: {expected}")
+
+
+def test_duration_and_rate_ignore_a_gap_where_they_should_and_a_rounded_interval_is_none() -> None:
+    made = recording([1.0, 1.01, 1.02, 5.0, 5.01], [0] * 5)
+    assert len(made) == 5
+    assert (made.duration_s, made.rate_hz) == pytest.approx((4.01, 100.0))
+    assert recording([0.1 * i for i in range(50)], [0.0] * 50).segments(0.1) == [slice(0, 50)]

@@ -17,7 +17,7 @@ Pairs = st.lists(st.tuples(st.integers(BIG, BIG + 2), st.integers(1, 6)), max_si
 
 
 @given(commands=Pairs, answers=Pairs, seed=st.integers(0, 99))
-def test_first_answers_agree_with_a_search(
+def test_first_answers_found(
     commands: list[tuple[int, int]], answers: list[tuple[int, int]], seed: int
 ) -> None:
     commands = list(dict.fromkeys(commands))  # one master stamps no two alike
@@ -30,17 +30,13 @@ def test_first_answers_agree_with_a_search(
         answers_ms[i] = session_id, at_ms
         if before:
             first.setdefault(max(before), i)
-    found = first_answers(_stamps(commands_ms), _stamps(answers_ms), stamps)
+    found = first_answers(_columns(commands_ms, 1e6), _columns(answers_ms, 1e6), stamps)
     assert found.tolist() == [first.get(command, -1) for command in commands_ms]
 
 
-def _stamps(pairs: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
-    sessions, stamps_ms = _columns(pairs)
-    return sessions, stamps_ms * 1e6
-
-
-def _columns(pairs: list[tuple[int, int]]) -> tuple[np.ndarray, np.ndarray]:
-    return np.array([p[0] for p in pairs], dtype=np.int64), np.array([p[1] for p in pairs], dtype=np.float64)
+def _columns(pairs: list[tuple[int, int]], unit: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    sessions, stamps = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+    return sessions, stamps * unit
 
 
 @given(pairs=Pairs)
@@ -75,25 +71,17 @@ def test_prediction_and_hold_are_scored_on_the_same_commands() -> None:
     nan = np.nan
     predicted_n = np.array([nan, 1.0, 3.0, 9.0, 1.0])
     zoh_n = np.array([5.0, 2.0, nan, 9.0, 3.0])
-    force_n = np.array([0.0, 0.0, 0.0, nan, 0.0])
-    comparison = compare(predicted_n, zoh_n, force_n)
-    assert comparison.commands == 2
-    assert comparison.prediction.rms_n == 1.0
+    comparison = compare(predicted_n, zoh_n, np.array([0.0, 0.0, 0.0, nan, 0.0]))
+    assert (comparison.commands, comparison.prediction.rms_n) == (2, 1.0)
     assert comparison.zoh.rms_n == pytest.approx(np.sqrt(6.5))
     assert comparison.ratio == pytest.approx(1 / np.sqrt(6.5))
+    assert compare(np.ones(3), np.zeros(3), np.zeros(3)).ratio is None  # a perfect hold
 
 
 def test_a_model_that_ran_away_still_has_an_error() -> None:
-    size = error_size(np.array([1e300, 0.0]), np.zeros(2))
-    assert size.rms_n == pytest.approx(1e300 / np.sqrt(2))
+    assert error_size(np.array([1e300, 0.0]), np.zeros(2)).rms_n == pytest.approx(1e300 / np.sqrt(2))
     beyond = error_size(np.array([1.7e308]), np.array([-1.7e308]))
-    assert beyond.max_n is None
-    assert beyond.rms_n is None
-
-
-def test_a_perfect_hold_gives_no_ratio() -> None:
-    assert compare(np.ones(3), np.zeros(3), np.zeros(3)).ratio is None
-    assert error_size(np.ones(3), np.ones(3)).rms_n == 0.0
+    assert (beyond.max_n, beyond.rms_n) == (None, None)
 
 
 def test_spread_ignores_what_is_missing() -> None:
@@ -105,34 +93,34 @@ def test_spread_ignores_what_is_missing() -> None:
 
 def test_a_silent_slave_is_not_armed() -> None:
     found = spans([(0, S.READY), (10, S.ARMED), (20, S.ARMED), (100, S.READY)], end_ns=110, stale_ns=30)
-    assert found == [
-        Span(0, 10, S.READY),
-        Span(10, 50, S.ARMED),
-        Span(50, 100, None),
-        Span(100, 110, S.READY),
-    ]
+    ends = [(0, 10, S.READY), (10, 50, S.ARMED), (50, 100, None), (100, 110, S.READY)]
+    assert found == [Span(*each) for each in ends]
 
 
-def test_armed_share_counts_from_the_first_arming_and_without_the_chosen_pause() -> None:
-    seconds = 10**9
-    heard = [(0, S.IDLE), (1 * seconds, S.READY), (2 * seconds, S.ARMED), (8 * seconds, S.READY)]
-    found = spans(heard, end_ns=10 * seconds, stale_ns=10 * seconds)
-    end_ns = 10 * seconds
-    assert armed_share(found, end_ns, 0.0) == pytest.approx(6 / 8)
-    assert armed_share(found, end_ns, 1.5) == pytest.approx(6 / 6.5)
-    assert armed_share(found, end_ns, 2.1) == 1.0
-    assert armed_share(found, end_ns, 8.0) is None
-    late = spans([*heard[:2], (9 * seconds, S.ARMED)], end_ns=20 * seconds, stale_ns=20 * seconds)
-    assert armed_share(late, 20 * seconds, 0.0) == pytest.approx(11 / 14)  # 5 s after the session was opened
-    assert armed_share(found[:1], end_ns, 0.0) is None
-    assert armed_share([], end_ns, 0.0) is None
+SECOND_NS = 10**9
+ONCE = [(0, S.IDLE), (1, S.READY), (2, S.ARMED), (8, S.READY)]
+TWICE = [(0, S.READY), (2, S.ARMED), (4, S.READY), (6, S.ARMED), (9, S.IDLE)]
 
 
-def test_armed_share_counts_until_the_end_of_the_session() -> None:
-    found = spans([(0, S.READY), (2, S.ARMED), (4, S.READY), (6, S.ARMED), (9, S.IDLE)], 50, 50)
-    assert armed_share(found, 8, 0.0) == pytest.approx(4 / 6)
-    assert armed_share(found, 3, 0.0) == 1.0
-    assert armed_share(found, 2, 0.0) is None
+@pytest.mark.parametrize(
+    ("heard", "end_s", "pause_s", "share"),
+    [
+        (ONCE, 10, 0.0, 6 / 8),  # from the first arming on
+        (ONCE, 10, 1.5, 6 / 6.5),  # without the pause that was chosen
+        (ONCE, 10, 2.1, 1.0),
+        (ONCE, 10, 8.0, None),
+        ([*ONCE[:2], (9, S.ARMED)], 20, 0.0, 11 / 14),  # 5 s after the session was opened
+        (ONCE[:1], 10, 0.0, None),
+        ([], 10, 0.0, None),
+        (TWICE, 8, 0.0, 4 / 6),  # until the end of the session
+        (TWICE, 3, 0.0, 1.0),
+        (TWICE, 2, 0.0, None),
+    ],
+)
+def test_armed_share(heard: list[tuple[int, S]], end_s: int, pause_s: float, share: float | None) -> None:
+    last_ns = max(end_s, 10) * SECOND_NS
+    found = spans([(at_s * SECOND_NS, state) for at_s, state in heard], last_ns, stale_ns=last_ns)
+    assert armed_share(found, end_s * SECOND_NS, pause_s) == pytest.approx(share)
 
 
 WANTED_NS, HEARD_NS = 80, 90
@@ -162,9 +150,7 @@ def transition(event: str) -> SafetyEvent:
         ("", HEARD_NS),
     ],
 )
-def test_the_session_ends_when_the_master_lets_go_by_choice_or_is_heard_last(
-    happened: str, end_ns: int
-) -> None:
+def test_session_ends_when_the_master_lets_go_by_choice_or_is_heard_last(happened: str, end_ns: int) -> None:
     events = [each.split() for each in happened.split(", ") if each]
     transitions = [(int(at_ns), transition(event)) for at_ns, event in events]
     assert session_end_ns(transitions, WANTED_NS, HEARD_NS) == end_ns

@@ -12,9 +12,7 @@ from tests.network import Traffic
 
 
 @pytest.mark.parametrize(("when_ns", "last"), [(SECOND_NS, False), (SECOND_NS // 2, True)])
-def test_the_trace_of_the_first_second_is_published_at_its_end_or_at_that_of_the_daemon(
-    when_ns: int, last: bool
-) -> None:
+def test_trace_of_a_second_is_published_at_its_end_or_that_of_the_daemon(when_ns: int, last: bool) -> None:
     runtime, network = VirtualRuntime(), MemoryBus()
     inner = network.session(runtime.clock)
     transport = ImpairedTransport(inner, runtime, runtime.clock, ReplayedImpairment([()]), None)

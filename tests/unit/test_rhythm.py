@@ -7,7 +7,7 @@ import pytest
 
 from forefeel.common.causes.candidate import Fitted
 from forefeel.common.causes.catalogue import CANDIDATES
-from forefeel.common.causes.motion import Motion, MotionSample
+from forefeel.common.causes.motion import Motion, MotionGrid, MotionSample
 from forefeel.common.causes.periodic import Rhythm, VaryingPulsation, turns
 from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.analysis import conditioned
@@ -27,6 +27,12 @@ def _recorded(heart: VaryingPulsation | None = None) -> Recording:
     if heart is not None:
         force = force + heart.columns(Motion.of(t, x, v, v)) @ np.array(heart.linear_values)
     return Recording("made", t, x, force, source="made.csv")
+
+
+def _rhythm(form: str = "") -> tuple[Rhythm, MotionGrid]:
+    recording, rhythm = _recorded(), CANDIDATES[f"varying_pulsation{form}"]
+    assert isinstance(rhythm, Rhythm)
+    return rhythm, conditioned(recording, clean(recording)).motion({})
 
 
 def test_its_force_is_its_closed_form() -> None:
@@ -50,10 +56,7 @@ def test_a_course_goes_straight_from_rate_to_rate() -> None:
 
 @pytest.mark.parametrize("form", ["", ":depth", ":friction", ":speed"])
 def test_slopes_are_those_of_the_force(form: str) -> None:
-    recording = _recorded()
-    regression = conditioned(recording, clean(recording))
-    rhythm, motion = CANDIDATES[f"varying_pulsation{form}"], regression.motion({})
-    assert isinstance(rhythm, Rhythm)
+    rhythm, motion = _rhythm(form)
     coefficients = np.random.default_rng(1).normal(size=len(rhythm.signs))
     slopes = rhythm.slopes(motion, _COURSE, coefficients)
     for i in (0, 3, 7):
@@ -77,24 +80,22 @@ def test_its_entry_has_the_swing_of_its_course() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "name", "parameter"),
+    ("name", "values"),
     [
-        ({"amplitude_n": 0.05, "variation_hz": 0.09}, "varying_pulsation", "amplitude_n"),
-        ({"amplitude_n": 0.05, "rate_variation": 0.0}, "pulsation", "amplitude_n"),
-        (
-            {"amplitude_per_length_n_m": 5.0, "zero_m": 3e-3, "rate_variation": 0.0},
-            "varying_pulsation", "amplitude_per_length_n_m",
-        ),
+        ("varying_pulsation", {"amplitude_n": 0.05, "variation_hz": 0.09}),
+        ("pulsation", {"amplitude_n": 0.05, "rate_variation": 0.0}),
+        ("varying_pulsation", {"amplitude_per_length_n_m": 5.0, "zero_m": 3e-3, "rate_variation": 0.0}),
     ],
     ids=["rate", "steady", "depth"],
-)  # fmt: skip
-def test_a_heart_is_named_by_what_varies(values: dict[str, float], name: str, parameter: str) -> None:
+)
+def test_a_heart_is_named_by_what_varies(name: str, values: dict[str, float]) -> None:
     heart = VaryingPulsation(frequency_hz=1.13, second_harmonic_ratio=0.4, phase_rad=0.7, **values)
     diagnosis = diagnose(_recorded(heart)).diagnosis
     assert diagnosis.verdict in ("cause_found", "partly_explained")
     (cause,) = (cause for cause in diagnosis.causes if cause.name != "bias")
     assert cause.name == name and diagnosis.held_out.gain > 0.8
     assert cause.parameters["frequency_hz"].value == pytest.approx(1.13, rel=0.01)
+    parameter = next(iter(values))
     assert cause.parameters[parameter].value == pytest.approx(values[parameter], rel=0.1)
 
 
@@ -107,10 +108,6 @@ def test_what_follows_the_motion_has_no_heart() -> None:
 
 
 def test_what_is_quicker_or_less_even_than_a_heart_is_no_rhythm() -> None:
-    recording = _recorded()
-    regression = conditioned(recording, clean(recording))
-    rhythm, motion = CANDIDATES["varying_pulsation"], regression.motion({})
-    assert isinstance(rhythm, Rhythm)
-    assert [rhythm.happens(motion, rates) for rates in (_COURSE, (4.5, 4.4, 4.6), (0.5, 1.5, 0.4))] == [
-        True, False, False,
-    ]  # fmt: skip
+    rhythm, motion = _rhythm()
+    courses = (_COURSE, (4.5, 4.4, 4.6), (0.5, 1.5, 0.4))
+    assert [rhythm.happens(motion, rates) for rates in courses] == [True, False, False]

@@ -4,7 +4,7 @@ import asyncio
 import os
 import socket
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 
 import numpy as np
 import pytest
@@ -87,35 +87,6 @@ def interval_as_it_was() -> Iterator[None]:
     sys.setswitchinterval(before_s)
 
 
-def test_loop_ticks_on_its_deadlines() -> None:
-    paced = Paced(20)
-    late_ns = np.array(paced.ticks) - MS * np.arange(1, 21)
-    assert late_ns.min() >= 0 and late_ns.max() < 20_000
-    assert (paced.loop.lateness.ticks, paced.loop.lateness.missed) == (20, 0)
-
-
-def test_tick_holds_the_interpreter_longer_than_the_rest() -> None:
-    paced = Paced(5)
-    assert paced.intervals == pytest.approx([TICK_INTERVAL_S] * 5)
-    assert sys.getswitchinterval() == pytest.approx(SWITCH_INTERVAL_S)
-
-
-def sleep_past_deadline(paced: Paced) -> None:
-    paced.clock.at_ns += MS + MS // 2
-
-
-def test_late_tick_does_not_hold_the_interpreter() -> None:
-    paced = Paced(10, sleep_past_deadline)
-    assert paced.intervals[1:] == pytest.approx([SWITCH_INTERVAL_S] * 9)
-
-
-def test_after_a_long_tick_nothing_is_held() -> None:
-    def compute(paced: Paced) -> None:
-        paced.clock.at_ns += 3 * MS // 4
-
-    assert len(Paced(50, compute).clock.held) <= 1
-
-
 def test_late_tick_skips_missed_deadlines() -> None:
     def once(paced: Paced) -> None:
         if len(paced.ticks) == 3:
@@ -139,22 +110,14 @@ def test_clock_that_goes_back_is_a_fault_and_the_loop_goes_on() -> None:
     assert len(paced.ticks) == 30
 
 
-def test_slow_clock_that_ticks_early_misses_nothing() -> None:
-    class Slow(Clock):
-        def sleep_until_ns(self, deadline_ns: int) -> None:
-            self.at_ns += max(0, deadline_ns - self.at_ns) // 10
+def test_slow_clock_that_ticks_early_misses_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    def sleep_a_tenth(clock: Clock, deadline_ns: int) -> None:
+        clock.at_ns += max(0, deadline_ns - clock.at_ns) // 10
 
-    clock, ticks = Slow(), list[int]()
-
-    def tick(now_ns: int) -> None:
-        ticks.append(now_ns)
-        if len(ticks) == 20:
-            loop.stop()
-
-    loop = RealtimeThread("pace", MS, tick, clock, lambda _: None)
-    loop.pace()
-    assert ticks[-1] - ticks[0] < 19 * MS, "none was early"
-    assert loop.lateness.missed == 0
+    monkeypatch.setattr(Clock, "sleep_until_ns", sleep_a_tenth)
+    paced = Paced(20)
+    assert paced.ticks[-1] - paced.ticks[0] < 19 * MS, "none was early"
+    assert paced.loop.lateness.missed == 0
 
 
 @pytest.mark.parametrize("begins", [True, False])
@@ -209,20 +172,6 @@ def affinities(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[set[int]]]:
         each.close()
 
 
-def test_each_daemon_keeps_a_core_of_its_own_while_there_is_one(affinities: list[set[int]]) -> None:
-    for highest in (True, False, True):
-        keep_core(highest)
-    assert affinities == [{7001}, {7000}]
-
-
-def test_under_normal_scheduling_no_core_is_kept(
-    affinities: list[set[int]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("os.sched_getscheduler", lambda _: os.SCHED_OTHER)
-    keep_core(highest=True)
-    assert affinities == []
-
-
 # --- the runtime ---
 
 Start = Callable[[RealRuntime, Callable[[int], None]], object]
@@ -233,15 +182,19 @@ STARTS: dict[str, Start] = {
 }
 
 
-def run(act: Callable[[RealRuntime], object], during: float = 0.05) -> RealRuntime:
-    """A runtime that was given something to do, after as many seconds, or its fault."""
-    host = SteppedHost()
+def run(
+    act: Callable[[RealRuntime], object],
+    inside: Callable[[RealRuntime], Awaitable[object]] = lambda _: asyncio.sleep(0.05),
+    host: SteppedHost | None = None,
+) -> RealRuntime:
+    """A runtime that was given something to do, after what happens inside."""
+    host = host or SteppedHost()
 
     async def main() -> RealRuntime:
         runtime = RealRuntime(host=host)
         act(runtime)
         async with runtime:
-            await asyncio.sleep(during)
+            await inside(runtime)
             assert runtime.stopping.is_set() == (runtime.error is not None)
         return runtime
 
@@ -267,21 +220,18 @@ def test_fault_reaches_every_reaction_and_keeps_its_cause(kind: str) -> None:
 
 def test_reaction_that_fails_keeps_no_other_from_its_own() -> None:
     heard = list[str]()
-    host = SteppedHost()
 
-    async def main() -> RealRuntime:
-        runtime = RealRuntime(host=host)
+    def react(runtime: RealRuntime) -> None:
         runtime.on_fault(refusing(OSError("no hold")))
         runtime.on_fault(lambda error: heard.append(str(error)))
-        async with runtime:
-            with pytest.raises(OSError, match="no hold"):
-                runtime.fault(ValueError("first"))
-            await asyncio.sleep(0.01)
-            assert runtime.stopping.is_set()
-        return runtime
+
+    async def inside(runtime: RealRuntime) -> None:
+        with pytest.raises(OSError, match="no hold"):
+            runtime.fault(ValueError("first"))
+        await asyncio.sleep(0.01)
 
     with pytest.raises(RunError, match="ValueError: first"):
-        host.run(main()).raise_fault()
+        run(react, inside).raise_fault()
     assert heard == ["first"]
 
 
@@ -299,15 +249,12 @@ def test_loop_that_fails_stops_no_other() -> None:
 def test_tasks_never_catch_up_in_a_burst() -> None:
     ticks, host = list[int](), SteppedHost()
 
-    async def main() -> None:
-        runtime = RealRuntime(host=host)
-        runtime.task("soft", 2 * MS, ticks.append)
-        async with runtime:
-            await asyncio.sleep(0.0105)
-            host.stepped.set_ns(ticks[-1] + 30 * MS)  # asyncio stands
-            await asyncio.sleep(0.005)
+    async def inside(_: RealRuntime) -> None:
+        await asyncio.sleep(0.0105)
+        host.stepped.set_ns(ticks[-1] + 30 * MS)  # asyncio stands
+        await asyncio.sleep(0.005)
 
-    host.run(main())
+    run(lambda runtime: runtime.task("soft", 2 * MS, ticks.append), inside, host)
     assert [round(each / MS) for each in np.diff(ticks)] == [2] * 5 + [30, 2, 2]
 
 
@@ -334,3 +281,37 @@ def test_runtime_leaves_nothing_behind(how: str) -> None:
         assert asyncio.all_tasks() == {asyncio.current_task()}
 
     host.run(outer())
+
+
+def test_loop_ticks_on_its_deadlines_and_holds_the_interpreter_longer_in_a_tick() -> None:
+    paced = Paced(20)
+    late_ns = np.array(paced.ticks) - MS * np.arange(1, 21)
+    assert late_ns.min() >= 0 and late_ns.max() < 20_000
+    assert (paced.loop.lateness.ticks, paced.loop.lateness.missed) == (20, 0)
+    assert paced.intervals == pytest.approx([TICK_INTERVAL_S] * 20)
+    assert sys.getswitchinterval() == pytest.approx(SWITCH_INTERVAL_S)
+
+
+def lasting(duration_ns: int) -> Callable[[Paced], None]:
+    def act(paced: Paced) -> None:
+        paced.clock.at_ns += duration_ns
+
+    return act
+
+
+def test_late_tick_does_not_hold_the_interpreter_nor_does_the_wait_after_a_long_one() -> None:
+    assert Paced(10, lasting(3 * MS // 2)).intervals[1:] == pytest.approx([SWITCH_INTERVAL_S] * 9)
+    assert len(Paced(50, lasting(3 * MS // 4)).clock.held) <= 1
+
+
+def test_each_daemon_keeps_a_core_of_its_own_while_there_is_one_and_none_unless_it_is_realtime(
+    affinities: list[set[int]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for highest in (True, False, True):
+        keep_core(highest)
+    assert affinities == [{7001}, {7000}]
+    affinities.clear()
+    monkeypatch.setattr(realtime, "_KEPT", [])
+    monkeypatch.setattr("os.sched_getscheduler", lambda _: os.SCHED_OTHER)
+    keep_core(highest=True)
+    assert affinities == []

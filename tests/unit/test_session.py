@@ -16,12 +16,6 @@ MS = 1_000_000
 LEASE_NS = 1000 * MS
 
 
-def held(session_id: int = 7, now_ns: int = 0) -> Lease:
-    lease = Lease(LEASE_NS)
-    assert lease.request(session_id, now_ns, at_rest=True) is None
-    return lease
-
-
 def test_the_first_heartbeat_may_take_a_round_trip_more_than_the_next() -> None:
     lease = Lease(LEASE_NS, 2000 * MS)
     lease.request(7, 0, at_rest=True)
@@ -34,21 +28,16 @@ def test_the_first_heartbeat_may_take_a_round_trip_more_than_the_next() -> None:
     assert (lease.renewed, lease.live(6999 * MS)) == (False, True)
 
 
-def test_a_lease_that_was_let_go_is_over_and_free_and_its_id_used_up() -> None:
-    lease = held(7)
-    lease.release(500 * MS)
-    assert not lease.live(500 * MS)
-    assert not lease.renew(7, 500 * MS)
-    assert lease.request(7, 500 * MS, at_rest=True) == "this session id was used before"
-    assert lease.request(8, 500 * MS, at_rest=True) is None
-
-
-def test_an_id_is_never_accepted_twice_however_many_follow() -> None:
+def test_an_id_is_never_accepted_twice_however_many_follow_nor_after_it_was_let_go() -> None:
     lease = Lease(LEASE_NS)
     for i in range(1, 5000):
         assert lease.request(i, i * LEASE_NS, at_rest=True) is None
+    now_ns = 4999 * LEASE_NS + 500 * MS
+    lease.release(now_ns)
+    assert not lease.live(now_ns) and not lease.renew(4999, now_ns)
     for i in (1, 2, 2500, 4999):
-        assert lease.request(i, 9999 * LEASE_NS, at_rest=True) == "this session id was used before"
+        assert lease.request(i, now_ns, at_rest=True) == "this session id was used before"
+    assert lease.request(5000, now_ns, at_rest=True) is None
 
 
 ACTS = st.lists(
@@ -75,69 +64,67 @@ def test_there_is_one_writer_at_a_time_and_no_id_returns(acts: list[tuple[bool, 
             assert lease.live(now_ns) == was_live
 
 
-class Rig:
-    """One end; `beat` gives what it says."""
+class End(Heartbeats):
+    """One end; `sent` gives what it says."""
 
     def __init__(self) -> None:
         self.said: list[bytes] = []
-        self.beats = Heartbeats(Publisher(Codec, [self.said.append]))
+        super().__init__(Publisher(Codec, [self.said.append]))
 
-    def beat(self, now_ns: int) -> Heartbeat:
-        self.beats.beat(1, now_ns)
+    def sent(self, now_ns: int) -> Heartbeat:
+        self.beat(1, now_ns)
         return decode(Heartbeat, self.said[-1])
 
 
-def heartbeat(
-    sequence: int, stamp_ns: int, echo_ns: int | None = None, got_ns: int | None = None
-) -> Heartbeat:
-    echo = {"echo_stamp_ns": echo_ns, "echo_receive_ns": got_ns}
+@pytest.fixture
+def end() -> End:
+    """It has sent a heartbeat at 200 ms."""
+    end = End()
+    end.sent(200 * MS)
+    return end
+
+
+def heartbeat(sequence: int, stamp_ns: int, echo_ns: int | None = None) -> Heartbeat:
+    """`echo_ns`: stamp of what it answers at once."""
+    echo = {"echo_stamp_ns": echo_ns, "echo_receive_ns": None if echo_ns is None else stamp_ns}
     return usual(MASTER_HEARTBEAT, sequence=sequence, stamp_ns=stamp_ns, **echo)
 
 
 def test_a_right_answer_compares_the_clocks() -> None:
-    rig = Rig()
-    assert rig.beats.receive(heartbeat(1, 1090 * MS), 100 * MS)
+    end = End()
+    assert end.receive(heartbeat(1, 1090 * MS), 100 * MS)
     for sent_ms, received_ms in ((200, 100), (250, 230)):
-        sent = rig.beat(sent_ms * MS)
+        sent = end.sent(sent_ms * MS)
         assert (sent.echo_stamp_ns, sent.echo_receive_ns) == ((received_ms + 990) * MS, received_ms * MS)
-        answer = heartbeat(2, (sent_ms + 1020) * MS, sent_ms * MS, (sent_ms + 1010) * MS)
-        assert rig.beats.receive(answer, (sent_ms + 30) * MS)
-    assert rig.beats.offset is not None
-    assert (rig.beats.offset.offset_ns, rig.beats.offset.round_trip_ns) == (1000 * MS, 20 * MS)
+        received = {"echo_stamp_ns": sent_ms * MS, "echo_receive_ns": (sent_ms + 1010) * MS}
+        answer = usual(MASTER_HEARTBEAT, sequence=2, stamp_ns=(sent_ms + 1020) * MS, **received)
+        assert end.receive(answer, (sent_ms + 30) * MS)
+    assert end.offset is not None
+    assert (end.offset.offset_ns, end.offset.round_trip_ns) == (1000 * MS, 20 * MS)
 
 
 @pytest.mark.parametrize("sequence", [0, 1, 2])
-def test_one_that_was_heard_before_says_nothing(sequence: int) -> None:
-    rig = Rig()
-    rig.beat(200 * MS)
-    assert rig.beats.receive(heartbeat(2, 7, 200 * MS, 6), 220 * MS)
-    before = rig.beats.offset
-    assert not rig.beats.receive(heartbeat(sequence, 9, 200 * MS, 8), 200 * MS)
-    assert rig.beats.offset is before
-    assert rig.beat(300 * MS).echo_stamp_ns == 7
+def test_one_that_was_heard_before_says_nothing(end: End, sequence: int) -> None:
+    assert end.receive(heartbeat(2, 7, 200 * MS), 220 * MS)
+    before = end.offset
+    assert not end.receive(heartbeat(sequence, 9, 200 * MS), 200 * MS)
+    assert end.offset is before
+    assert end.sent(300 * MS).echo_stamp_ns == 7
 
 
-def test_an_echo_of_what_was_never_sent_says_nothing() -> None:
-    rig = Rig()
-    rig.beat(200 * MS)
-    assert not rig.beats.receive(heartbeat(1, 50 * MS, 200 * MS + 1, 50 * MS), 201 * MS)
-    assert rig.beats.offset is None
-    assert rig.beats.receive(heartbeat(1, 50 * MS, 200 * MS, 50 * MS), 201 * MS)
-
-
-def test_after_the_first_answer_one_without_any_says_nothing() -> None:
-    rig = Rig()
-    rig.beat(200 * MS)
-    assert rig.beats.receive(heartbeat(1, 5), 100)
-    assert rig.beats.receive(heartbeat(2, 50 * MS, 200 * MS, 50 * MS), 201 * MS)
-    assert not rig.beats.receive(heartbeat(3, 60 * MS), 211 * MS)
+def test_an_echo_of_what_was_never_sent_and_no_echo_after_the_first_say_nothing(end: End) -> None:
+    assert end.receive(heartbeat(1, 5), 100)
+    assert not end.receive(heartbeat(2, 50 * MS, 200 * MS + 1), 201 * MS)
+    assert end.offset is None
+    assert end.receive(heartbeat(2, 50 * MS, 200 * MS), 201 * MS)
+    assert not end.receive(heartbeat(3, 60 * MS), 211 * MS)
 
 
 def test_an_answer_may_take_as_long_as_a_session_outlives() -> None:
-    rig = Rig()
+    end = End()
     for i in range(250):
-        rig.beat(i * 50 * MS)
-    assert rig.beats.receive(heartbeat(1, 5, 0, 5), 250 * 50 * MS)
+        end.sent(i * 50 * MS)
+    assert end.receive(heartbeat(1, 5, 0), 250 * 50 * MS)
     for i in range(250, 260):
-        rig.beat(i * 50 * MS)
-    assert not rig.beats.receive(heartbeat(2, 6, 0, 6), 260 * 50 * MS)
+        end.sent(i * 50 * MS)
+    assert not end.receive(heartbeat(2, 6, 0), 260 * 50 * MS)

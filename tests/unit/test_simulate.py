@@ -10,9 +10,18 @@ import pytest
 
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.recording.recording import Array, Recording
-from forefeel.simulate.motion import SMOOTHING_HZ, FollowedRecording, Hand, MotionSource, multisine, sine
+from forefeel.common.recording.recording import Recording
+from forefeel.simulate.motion import (
+    SMOOTHING_HZ,
+    FollowedRecording,
+    Hand,
+    MotionPiece,
+    MotionSource,
+    multisine,
+    sine,
+)
 from forefeel.simulate.run import SimulationOptions, simulate
+from forefeel.simulate.world import integrate
 
 QUIET = SimulationOptions(Path("model.yaml"), "sine", duration_s=3.0, noise_n=0.0, encoder_step_m=0.0)
 WALL = {"mass_kg": 0.05, "damping_n_s_m": 0.8, "stiffness_n_m": 8.0}
@@ -56,12 +65,12 @@ def test_the_position_is_that_of_the_stage_in_front_of_the_play() -> None:
     assert (float(gap.min()), float(gap.max())) == pytest.approx((-0.002, 0.002), abs=1e-9)
 
 
-def motions() -> list[MotionSource]:
-    random = np.random.default_rng(3)
-    return [Hand(0.01, 0.04, 20.0, random), multisine(0.01, 0.04, random), sine(0.01, 0.04, 0.7)]
+RANDOM = np.random.default_rng(3)
 
 
-@pytest.mark.parametrize("motion", motions(), ids=["hand", "multisine", "sine"])
+@pytest.mark.parametrize(
+    "motion", [Hand(0.01, 0.04, 20.0, RANDOM), multisine(0.01, 0.04, RANDOM), sine(0.01, 0.04, 0.7)]
+)
 def test_velocity_and_acceleration_are_derivatives_within_the_depth(motion: MotionSource) -> None:
     t = np.arange(200_000, dtype=np.float64) * 1e-4
     x, v, a = motion.at(t)
@@ -100,13 +109,10 @@ def test_conversion_sees_the_noise_and_a_lag_does_not() -> None:
     assert 150 < np.count_nonzero(slow["force_n"]) < 250
 
 
-def recorded(time_s: Array) -> Recording:
-    return Recording("made up", time_s, 0.01 * np.sin(2 * pi * 0.8 * time_s), None, "made up")
-
-
 def test_a_recorded_motion_is_followed_behind_its_low_pass() -> None:
     t = 7.0 + np.arange(3000, dtype=np.float64) * 2e-3
-    motion = FollowedRecording(recorded(t), slice(0, 3000))
+    recorded = Recording("made up", t, 0.01 * np.sin(2 * pi * 0.8 * t), None, "made up")
+    motion = FollowedRecording(recorded, slice(0, 3000))
     fine = np.arange(7.0, 12.9, 1e-4)
     x, v, _ = motion.at(fine)
     late_s = 2.0 / (2.0 * pi * SMOOTHING_HZ)
@@ -135,11 +141,6 @@ def test_a_gap_in_a_recorded_motion_is_a_new_contact(tmp_path: Path) -> None:
 def test_a_force_that_is_not_finite_is_refused() -> None:
     steep = model(("stiffening", {"cubic_n_m3": 1e12}), ("quadratic_drag", {"drag_n_s2_m2": 1e9}))
     endless = Recording("far", np.array([0.0, 1.0]), np.array([0.0, 1e200]), None, "far")
-    from forefeel.simulate.motion import MotionPiece
-    from forefeel.simulate.world import integrate
-
     piece = MotionPiece(FollowedRecording(endless, slice(0, 2)), np.array([0.0, 0.01]))
-    with pytest.raises(
-        ConfigurationError, match=r"^model 'test': gives .* N at .* s, expected a finite force$"
-    ):
+    with pytest.raises(ConfigurationError, match="expected a finite force"):
         integrate(steep, [piece], lambda _: None)

@@ -14,35 +14,28 @@ from tests.unit.rigs import MS, SESSION, SlaveRig
 S = SafetyState
 
 
-def test_a_master_with_equal_settings_is_accepted() -> None:
-    rig = SlaveRig()
-    rig.axis.open(rig.now_ns)
-    answer = rig.shake()
+def test_a_master_with_equal_settings_is_accepted(opened: SlaveRig) -> None:
+    answer = opened.shake()
     assert (answer.accepted, answer.reason, answer.session_id, answer.role) == (True, "", SESSION, "slave")
     assert (answer.settings_hash, answer.settings, answer.instance_id) == (settings_hash(SHARED), SHARED, 99)
-    assert rig.counters()["handshakes_accepted"] == 1
+    assert opened.counters()["handshakes_accepted"] == 1
+
+
+OLDER = SHARED.replace(f'"protocol": {PROTOCOL_VERSION}', '"protocol": 5')
 
 
 @pytest.mark.parametrize(
-    "settings", ["", "no JSON", "[" * 4096, '{"cell": "\\ud800\\n\\u0000"}', '{"protocol": 1e999}', SHARED]
+    "settings",
+    ["", "no JSON", "[" * 4096, '{"cell": "\\ud800\\n\\u0000"}', '{"protocol": 1e999}', SHARED, OLDER],
 )
-def test_settings_that_are_no_settings_are_refused_in_one_line(settings: str) -> None:
-    rig = SlaveRig()
-    rig.axis.open(rig.now_ns)
-    answer = rig.shake(settings=settings, settings_hash="0" * 16)
+def test_settings_that_are_not_ours_are_refused_in_one_line(opened: SlaveRig, settings: str) -> None:
+    protocol, its_hash = (5, settings_hash(OLDER)) if settings == OLDER else (PROTOCOL_VERSION, "0" * 16)
+    answer = opened.shake(protocol=protocol, settings=settings, settings_hash=its_hash)
     assert not answer.accepted
-    assert answer.reason.startswith("settings differ: ")
+    named = f"protocol: {PROTOCOL_VERSION} here, 5 there: " if settings == OLDER else ""
+    assert answer.reason.startswith(f"settings differ: {named}")
     assert answer.reason.isprintable()
-    assert rig.shake(SESSION + 1).accepted
-
-
-def test_a_master_of_another_protocol_is_refused_in_one_line() -> None:
-    rig = SlaveRig()
-    rig.axis.open(rig.now_ns)
-    older = SHARED.replace(f'"protocol": {PROTOCOL_VERSION}', '"protocol": 5')
-    answer = rig.shake(protocol=5, settings=older, settings_hash=settings_hash(older))
-    assert not answer.accepted
-    assert answer.reason.startswith(f"settings differ: protocol: {PROTOCOL_VERSION} here, 5 there: ")
+    assert opened.shake(SESSION + 1).accepted
 
 
 def test_a_jump_to_the_largest_number_of_a_command_refuses_the_others_and_is_told() -> None:
@@ -66,17 +59,12 @@ def test_a_repeated_handshake_does_not_reset_the_sequence() -> None:
 
 
 @pytest.mark.parametrize(("rate", "way"), [(0.08, "fast"), (-0.083, "slow")])
-def test_a_masters_clock_at_a_rate_that_can_not_be_followed_is_a_fault_that_says_so(
-    rate: float, way: str
-) -> None:
+def test_master_clock_at_a_rate_that_can_not_be_followed_is_a_named_fault(rate: float, way: str) -> None:
     rig = SlaveRig()
     rig.rate = rate
     rig.connected().step(5000)
     assert rig.state() is S.FAULT
-    found = re.fullmatch(
-        rf"the master's clock runs at least (\d+) ppm {way} against ours, limit 1000 ppm: .*",
-        rig.reason,
-    )
+    found = re.search(rf"at least (\d+) ppm {way} ", rig.reason)
     assert found is not None and 60_000 < int(found[1]) < 90_000
     rig.axis.clear()
     rig.step(10)
@@ -111,10 +99,13 @@ def test_the_grip_of_a_followed_command_reaches_the_gripper() -> None:
     rig.step(5)
     assert rig.gripper.asked[-1] is Grip.OPEN
     assert rig.state() is S.ENGAGING
-    assert rig.newest(SLAVE_STATE).gripper is Grip.OPEN
+    state = rig.newest(SLAVE_STATE)
+    assert state.gripper is Grip.OPEN
+    assert len(state.caveats) == 3 and state.caveats == rig.axis.settings.caveats
 
 
-def test_the_state_says_what_the_axis_does_without() -> None:
-    rig = SlaveRig().connected()
-    assert len(rig.newest(SLAVE_STATE).caveats) == 3
-    assert rig.newest(SLAVE_STATE).caveats == rig.axis.settings.caveats
+@pytest.fixture
+def opened() -> SlaveRig:
+    rig = SlaveRig()
+    rig.axis.open(rig.now_ns)
+    return rig

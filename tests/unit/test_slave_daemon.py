@@ -1,5 +1,7 @@
 """The slave's daemon when something fails at its start or its end: everything else is closed all the same."""
 
+from collections.abc import Callable
+
 import pytest
 
 from forefeel.common.errors import DeviceError, RunError
@@ -11,6 +13,12 @@ from tests.unit.rigs import Cell, FakeGripper, FakeLoadCell, FakeStage
 AXES = ("insertion", "rotation")
 
 
+SLOTS = ("stage", "gripper", "load_cell")
+
+
+Opened = Callable[[], set[str]]
+
+
 @pytest.fixture
 def devices(monkeypatch: pytest.MonkeyPatch) -> dict[str, Devices]:
     """Fake devices of both axes of a cell, by axis."""
@@ -19,34 +27,27 @@ def devices(monkeypatch: pytest.MonkeyPatch) -> dict[str, Devices]:
     return fakes
 
 
-def enabled(devices: dict[str, Devices]) -> list[bool]:
-    stages = [of_axis.stage for of_axis in devices.values()]
-    return [stage.opened for stage in stages if isinstance(stage, FakeStage)]
+@pytest.fixture
+def opened(devices: dict[str, Devices]) -> Opened:
+    """Gives the devices that are open."""
+    named = {f"{axis} {slot}": getattr(devices[axis], slot) for axis in AXES for slot in SLOTS}
+    return lambda: {name for name, device in named.items() if device.opened}
 
 
 @pytest.mark.parametrize(
     ("device", "call"), [("gripper", "open"), ("load_cell", "open"), ("stage", "read"), ("", "Reports")]
 )
 def test_no_stage_stays_enabled_when_the_daemon_does_not_start(
-    devices: dict[str, Devices], monkeypatch: pytest.MonkeyPatch, device: str, call: str
+    devices: dict[str, Devices], opened: Opened, monkeypatch: pytest.MonkeyPatch, device: str, call: str
 ) -> None:
     broken = getattr(devices["rotation"], device) if device else daemon
     monkeypatch.setattr(broken, call, refusing(RunError("silent")))
     with pytest.raises((DeviceError, RunError), match="silent"):
         Cell()
-    assert enabled(devices) == [False, False]
+    assert not {name for name in opened() if "stage" in name}
 
 
-def test_all_devices_are_open_while_the_daemon_lives_and_closed_after_it(devices: dict[str, Devices]) -> None:
-    cell = Cell()
-    assert enabled(devices) == [True, True]
-    cell.close()
-    assert enabled(devices) == [False, False]
-
-
-def test_a_session_that_is_broken_keeps_no_device_open_and_nothing_from_the_event_log(
-    devices: dict[str, Devices],
-) -> None:
+def test_a_session_that_is_broken_keeps_no_device_open_and_nothing_from_the_event_log(opened: Opened) -> None:
     cell = Cell()
     for axis in cell.daemon.axes:
         axis.emergency_stop("pressed", "nurse")
@@ -54,26 +55,22 @@ def test_a_session_that_is_broken_keeps_no_device_open_and_nothing_from_the_even
     others.subscribe_all("forefeel", refusing(RunError("the session is closed")))
     with pytest.raises(RunError, match="the session is closed"):
         cell.close()
-    assert enabled(devices) == [False, False]
+    assert opened() == set()
     assert cell.session.peers() == 0 and others.peers() == 0
     assert [noted["after"] for noted in cell.book.of("safety")] == ["estopped", "estopped"]
     assert [noted["by"] for noted in cell.book.of("emergency_stop")] == ["nurse", "nurse"]
 
 
-@pytest.mark.parametrize("failing", ["stage", "gripper", "load_cell"])
+@pytest.mark.parametrize("failing", SLOTS)
 def test_a_device_that_does_not_close_keeps_no_other_one_open(
-    devices: dict[str, Devices], monkeypatch: pytest.MonkeyPatch, failing: str
+    devices: dict[str, Devices], opened: Opened, monkeypatch: pytest.MonkeyPatch, failing: str
 ) -> None:
-    cell, closed = Cell(), list[str]()
-    for name in AXES:
-        for device in ("stage", "gripper", "load_cell"):
-            monkeypatch.setattr(
-                getattr(devices[name], device), "close", lambda it=f"{name} {device}": closed.append(it)
-            )
-    broken = getattr(devices["insertion"], failing)
-    monkeypatch.setattr(broken, "close", refusing(DeviceError("does not let go")))
+    cell = Cell()
+    assert len(opened()) == len(AXES) * len(SLOTS)
+    monkeypatch.setattr(
+        getattr(devices["insertion"], failing), "close", refusing(DeviceError("does not let go"))
+    )
     with pytest.raises(DeviceError, match="does not let go"):
         cell.close()
-    every = {f"{name} {device}" for name in AXES for device in ("stage", "gripper", "load_cell")}
-    assert set(closed) == every - {f"insertion {failing}"}
+    assert opened() == {f"insertion {failing}"}
     assert cell.session.peers() == 0

@@ -4,7 +4,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forefeel.common.messages import MotionCommand
 from forefeel.common.slots import BoundedQueue, CommandRing, LatestValue
 from forefeel.common.topics import COMMAND
 from forefeel.slave.command_receiver import CommandSlot
@@ -14,16 +13,13 @@ from tests.messages import usual
 def test_a_slot_keeps_the_newest_and_gives_it_once() -> None:
     slot: LatestValue[int] = LatestValue()
     assert slot.take() is None
-    slot.put(1)
-    slot.put(2)
-    slot.put(3)
+    for value in (1, 2, 3):
+        slot.put(value)
     assert (slot.take(), slot.take()) == (3, None)
 
 
 @given(st.integers(1, 8), st.lists(st.one_of(st.integers(), st.none()), max_size=60))
-def test_a_queue_keeps_the_newest_in_order_and_counts_what_it_drops(
-    capacity: int, steps: list[int | None]
-) -> None:
+def test_queue_keeps_the_newest_in_order_and_counts_drops(capacity: int, steps: list[int | None]) -> None:
     queue: BoundedQueue[int] = BoundedQueue(capacity)
     expected, dropped = list[int](), 0
     for step in steps:
@@ -38,22 +34,16 @@ def test_a_queue_keeps_the_newest_in_order_and_counts_what_it_drops(
     assert (queue.drain(), queue.drain(), queue.dropped) == (expected, [], dropped)
 
 
-def command(sequence: int, deadman: bool) -> MotionCommand:
-    return usual(COMMAND, sequence=sequence, stamp_ns=sequence, deadman=deadman)
-
-
 @pytest.mark.parametrize(
     ("deadmen", "released"),
     [([True], False), ([False], True), ([False, True], True), ([True, False, True, True], True)],
 )
-def test_the_newest_command_is_taken_once_with_any_release_before_it(
-    deadmen: list[bool], released: bool
-) -> None:
-    slot = CommandSlot()
-    for sequence, deadman in enumerate(deadmen):
-        slot.put(command(sequence, deadman), 100 + sequence)
-    newest = len(deadmen) - 1
-    assert slot.take() == ((command(newest, deadmen[-1]), 100 + newest), released)
+def test_newest_command_is_taken_once_with_any_release_before(deadmen: list[bool], released: bool) -> None:
+    slot, newest = CommandSlot(), len(deadmen) - 1
+    commands = [usual(COMMAND, sequence=n, deadman=deadman) for n, deadman in enumerate(deadmen)]
+    for number, command in enumerate(commands):
+        slot.put(command, 100 + number)
+    assert slot.take() == ((commands[-1], 100 + newest), released)
     assert slot.take() == (None, False)
     assert slot.superseded == newest
 

@@ -1,9 +1,9 @@
 """The drive's lag, against drives of which it is known."""
 
-from collections import deque
 from math import cos, inf, nan, pi, sin
 from random import Random
 
+import numpy as np
 import pytest
 
 from forefeel.common.estimation.stage_lag import StageLag
@@ -40,23 +40,18 @@ def _run(drive: Drive, seconds: float, lose: int = 0) -> tuple[StageLag, float, 
     """(what was learned, rms deviation of the stage from its command, and from what was expected), the
     last two over the second half.
     """
-    lag, late = StageLag(), deque[tuple[int, float]]()
-    raw = expected = 0.0
+    lag, readbacks_m, errors_m = StageLag(), list[float](), list[tuple[float, float]]()
     ticks = int(seconds / DT_S)
     for n in range(ticks):
         command_m = _reach(n * DT_S)
         expected_m = lag.command(n * MS, command_m)
-        readback_m = drive.step(command_m)
-        late.append((n, readback_m))
-        if len(late) > DELAY_TICKS:
-            sequence, position_m = late.popleft()
-            if not lose or sequence % lose:
-                lag.observe(sequence * MS, position_m)
-        if n > ticks // 2:
-            raw += (readback_m - command_m) ** 2
-            expected += (readback_m - expected_m) ** 2
-    half = ticks - ticks // 2
-    return lag, (raw / half) ** 0.5, (expected / half) ** 0.5
+        readbacks_m.append(drive.step(command_m))
+        errors_m.append((readbacks_m[n] - command_m, readbacks_m[n] - expected_m))
+        arrived = n - DELAY_TICKS
+        if arrived >= 0 and (not lose or arrived % lose):
+            lag.observe(arrived * MS, readbacks_m[arrived])
+    raw_m, left_m = np.sqrt(np.mean(np.square(errors_m[ticks // 2 :]), axis=0))
+    return lag, float(raw_m), float(left_m)
 
 
 @pytest.mark.parametrize("lose", [0, 10])

@@ -4,6 +4,7 @@ import errno
 import json
 import os
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,6 @@ from forefeel.common.state.latch import Latch, latched
 from forefeel.slave.settings import SlaveSettings
 from tests.stepped import SteppedWorker
 
-MOVED = ("engaging", "armed", "stopping")
 STOPPED = {"before": "armed", "after": "estopped", "reason": "pressed"}
 CLEARED = {"before": "estopped", "after": "idle", "reason": "cleared"}
 
@@ -116,9 +116,7 @@ def test_log_appends_one_line_per_event(log: EventLog, tmp_path: Path) -> None:
     assert (tmp_path / EVENTS).stat().st_mode & 0o777 == 0o600
 
 
-def test_log_full_disk_counts_lost_lines(
-    log: EventLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_log_on_full_disk_counts_lost(log: EventLog, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     real = os.pwrite
 
     def half(descriptor: int, data: bytes, offset: int) -> int:
@@ -168,29 +166,23 @@ def path(tmp_path: Path) -> Path:
     return tmp_path / LATCHED
 
 
-@pytest.fixture
-def told() -> list[str | None]:
-    return []
+def test_latch_writes_the_newest_of_each_axis_into_room_allocated_at_start(latch: Latch, path: Path) -> None:
+    before = path.stat()
+    assert before.st_size == 16 * 1024 <= 512 * before.st_blocks
+    latch.transition("a", STOPPED)
+    latch.transition("b", {**STOPPED, "reason": "follows"})
+    latch.transition("a", CLEARED)
+    latch.write()
+    assert latched(path) == {"b": "follows"}
+    after = path.stat()
+    assert (after.st_ino, after.st_size, after.st_blocks) == (before.st_ino, before.st_size, before.st_blocks)
 
 
 @pytest.fixture
-def latch(path: Path, told: list[str | None]) -> Iterator[Latch]:
-    opened = Latch(path, ["a", "b"], True, lambda _, problem: told.append(problem), SteppedWorker)
+def latch(path: Path) -> Iterator[Latch]:
+    opened = Latch(path, ["a", "b"], True, lambda *_: None, SteppedWorker)
     yield opened
     opened.close()
-
-
-def test_latch_writes_into_room_allocated_at_start(latch: Latch, path: Path) -> None:
-    def taken() -> tuple[int, int, int]:
-        found = path.stat()
-        return found.st_ino, found.st_size, found.st_blocks
-
-    before = taken()
-    assert before[1] == 16 * 1024 <= 512 * before[2]
-    latch.transition("a", STOPPED)
-    latch.write()
-    assert latched(path) == {"a": "pressed"}
-    assert taken() == before
 
 
 def test_latch_is_kept_once_on_disk(latch: Latch, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -210,18 +202,17 @@ def test_latch_is_kept_once_on_disk(latch: Latch, path: Path, monkeypatch: pytes
     assert synced == [{"a": "pressed"}, {}]
 
 
-def test_latch_keeps_newest_of_each_axis(latch: Latch, path: Path) -> None:
-    latch.transition("a", STOPPED)
-    latch.transition("b", {**STOPPED, "reason": "follows"})
-    latch.transition("a", CLEARED)
-    latch.write()
-    assert latched(path) == {"b": "follows"}
+@contextmanager
+def daemon(folder: Path) -> Iterator[StateEventSink]:
+    """The event sink of a daemon, its threads not started."""
+    with StateFolder(folder) as opened:
+        sink = StateEventSink(opened, MonotonicClock(), ["a"], 3, SteppedWorker)
+        yield sink
+        sink.close("ended")
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[" * 16_000, '{"latched": 1}', "\x00"])
-def test_latch_file_that_can_not_be_read_stops_every_axis(path: Path, text: str) -> None:
-    path.write_text(text)
-    assert list(latched(path)) == [""]
+def moved(sink: StateEventSink, before: str, after: str, reason: str = "why") -> None:
+    sink.note("safety", 1, "a", before=before, event="e", after=after, reason=reason)
 
 
 def test_what_stops_every_axis_stays_with_those_that_have_not_reported(path: Path) -> None:
@@ -242,9 +233,9 @@ def test_latch_overflow_stops_every_axis(path: Path) -> None:
     assert path.stat().st_size == 16 * 1024
 
 
-def test_latch_without_room_is_a_problem_until_written(
-    latch: Latch, path: Path, told: list[str | None], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_latch_without_room_is_a_problem(latch: Latch, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    told: list[str | None] = []
+    monkeypatch.setattr(latch, "_on_problem", lambda _, problem: told.append(problem))
     with monkeypatch.context() as full:
         full.setattr("forefeel.common.state.latch._put", no_room)
         latch.transition("a", STOPPED)
@@ -260,66 +251,42 @@ def test_latch_without_room_is_a_problem_until_written(
 # --- both, over starts of a daemon ---
 
 
-class Daemon:
-    """The event sink of a daemon, its threads not started."""
-
-    def __init__(self, tmp_path: Path) -> None:
-        self.folder = StateFolder(tmp_path / "state")
-        self.sink = StateEventSink(self.folder, MonotonicClock(), ["a"], 3, SteppedWorker)
-
-    def transition(self, before: str, after: str, reason: str = "why") -> None:
-        self.sink.note("safety", 1, "a", before=before, event="e", after=after, reason=reason)
-
-    def end(self) -> None:
-        self.sink.close("ended")
-        self.folder.close()
-
-
-@pytest.mark.parametrize(("before", "after"), [("armed", "estopped"), *((moved, "fault") for moved in MOVED)])
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [("armed", "estopped"), ("engaging", "fault"), ("armed", "fault"), ("stopping", "fault")],
+)
 def test_stop_and_fault_in_motion_outlive_daemon(tmp_path: Path, before: str, after: str) -> None:
-    daemon = Daemon(tmp_path)
-    assert daemon.sink.latched == {}
-    daemon.transition(before, after, "why it stands")
-    daemon.end()
-    again = Daemon(tmp_path)
-    assert again.sink.latched == {"a": "why it stands"}
-    again.transition(after, "idle")
-    again.transition("ready", "fault", "of a stage at rest")
-    again.end()
-    last = Daemon(tmp_path)
-    assert last.sink.latched == {}
-    last.end()
-    events = [each["event"] for each in lines(tmp_path / "state" / EVENTS)]
+    with daemon(tmp_path) as first:
+        assert first.latched == {}
+        moved(first, before, after, "why it stands")
+    with daemon(tmp_path) as again:
+        assert again.latched == {"a": "why it stands"}
+        moved(again, after, "idle")
+        moved(again, "ready", "fault", "of a stage at rest")
+    with daemon(tmp_path) as last:
+        assert last.latched == {}
+    events = [each["event"] for each in lines(tmp_path / EVENTS)]
     assert events == ["safety", "stop", "safety", "safety", "stop", "stop"]
 
 
 @pytest.mark.parametrize(
     "content",
     [
-        "{",
-        "{}",
-        "",
-        "[]",
-        '{"a": "without its key"}',
-        '{"latched": {"a": "nurse"}} {"latched"',
-        '{"latched": {"b": "nurse"}}',
-        None,
+        "{", "{}", "", "[]", "\x00", "[" * 16_000, '{"latched": 1}', '{"a": "without its key"}',
+        '{"latched": {"a": "nurse"}} {"latched"', '{"latched": {"b": "nurse"}}', None,
     ],
-)
+)  # fmt: skip
 def test_untrusted_latch_stops_every_axis_until_cleared(tmp_path: Path, content: str | None) -> None:
-    Daemon(tmp_path).end()
-    path = tmp_path / "state" / LATCHED
-    path.unlink()
+    with daemon(tmp_path):
+        pass
+    (tmp_path / LATCHED).unlink()
     if content is not None:
-        path.write_text(content)
+        (tmp_path / LATCHED).write_text(content)
     for _ in range(2):  # and a new start does not forget it
-        again = Daemon(tmp_path)
-        assert list(again.sink.latched) == [""]
-        again.end()
-    last = Daemon(tmp_path)
-    last.transition("idle", "estopped")
-    last.transition("estopped", "idle")
-    last.end()
-    cleared = Daemon(tmp_path)
-    assert cleared.sink.latched == {}
-    cleared.end()
+        with daemon(tmp_path) as again:
+            assert list(again.latched) == [""]
+    with daemon(tmp_path) as last:
+        moved(last, "idle", "estopped")
+        moved(last, "estopped", "idle")
+    with daemon(tmp_path) as cleared:
+        assert cleared.latched == {}

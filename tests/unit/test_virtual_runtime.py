@@ -1,5 +1,4 @@
 from functools import partial
-from random import Random
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -33,30 +32,6 @@ def test_progress_every_tenth_of_a_second_until_it_says_no() -> None:
     assert len(ticks) == 301
     runtime.run(MS)
     assert len(ticks) == 302
-
-
-def trace(seed: int) -> list[tuple[int, str]]:
-    """A run whose events schedule further events at random."""
-    runtime, rng, seen = VirtualRuntime(), Random(seed), list[tuple[int, str]]()
-
-    def note(name: str) -> None:
-        seen.append((runtime.clock.now_ns(), name))
-
-    def tick(now_ns: int) -> None:
-        note("tick")
-        for i in range(rng.randrange(3)):
-            runtime.call_at(now_ns + rng.randrange(-MS, 4 * MS, MS // 2), partial(note, f"timer {i}"))
-
-    runtime.loop("loop", MS, tick)
-    runtime.task("task", 2 * MS, lambda _: note("task"))
-    runtime.run(200 * MS)
-    return seen
-
-
-def test_equal_runs_are_equal_event_by_event() -> None:
-    assert trace(1) == trace(1)
-    assert trace(1) != trace(2)
-    assert [stamp for stamp, _ in trace(1)] == sorted(stamp for stamp, _ in trace(1))
 
 
 @given(st.lists(st.tuples(st.integers(0, 20), st.integers(0, 99)), max_size=40))
