@@ -1,12 +1,11 @@
 """One line for whatever is wrong, exit code 2, and nothing left behind."""
 
-from collections.abc import Callable, Sequence
-from pathlib import Path
+import sys
 
 import pytest
 
 from forefeel.common.recording.mcap_writer import RunWriter
-from tests.commands.command_line import refused
+from tests.commands.conftest import Shell
 from tests.unit.recording_samples import force, put
 
 SLAVE = "role: slave\ntransport: {listen: ['tcp/127.0.0.1:0']}\n"
@@ -29,7 +28,6 @@ SETTINGS: list[tuple[str, str, tuple[str, ...], str]] = [
     *((START, f"--duration {text}", ("--duration",), SLAVE) for text in ("soon", "-1", "nan")),
     (START, "", ("f.yaml:2", "'slave'"), "cell: a\nrole: master\n"),
     (START, "", ("f.yaml:3", "axes[0].gate.watchdog_ms"), f"{AXIS}gate: {{watchdog_ms: 60}}"),
-    (CHECK, "", ("f.yaml:3", "watchdog_s = 0.31"), f"{AXIS}gate: {{watchdog_s: 0.31}}"),
     (CHECK, "", ("f.yaml:3", "driver = 'warp'"), f"{AXIS}stage: {{driver: warp}}"),
     (CHECK, "", ("f.yaml:2", "mars", "satellite"), "role: slave\nimpairment: {inbound: mars}\n"),
     (START, "", ("f.yaml:2", "no.mcap"), "role: slave\nimpairment: {replay: no.mcap}\n"),
@@ -41,7 +39,6 @@ SETTINGS: list[tuple[str, str, tuple[str, ...], str]] = [
     (CHECK, "", ("f.yaml:4", "the line pushes_only: true"), f"{REAL}{CELL}, filter_lag_s: 0}}\n{GRIPPER}"),
     (CHECK, "", ("add the line filter_lag_s: 0",), f"{REAL}{CELL}, pushes_only: true}}\n{GRIPPER}"),
     (CHECK, "", ("f.yaml:3", "preset"), f"{AXIS}simulation: {{preset: [a]}}"),
-    (CHECK, "", ("f.yaml:1", "is a tag"), "role: !!timestamp x\n"),
     (CHECK, "", ("axes: handle: missing", "add the line handle: {"), FAR),
     ("master --config", "", ("no.csv",), f"{MASTER}[{{handle: {{driver: recording, recording: no.csv}}}}]"),
 ]
@@ -73,6 +70,10 @@ BAD: list[tuple[str, tuple[str, ...], dict[str, str]]] = [
     ("ros --zenoh tcp/127.0.0.1:9", ("--connect",), {}),
     (f"dashboard {NEAR} --port 99999", ("--port",), {}),
     (f"dashboard {NEAR} --vessel @/v.yaml", ("v.yaml:2", "lumen_radius_mm"), {"v.yaml": VESSEL}),
+    ("doctor --config @/none.yaml", ("none.yaml",), {}),
+    ("doctor --config @", (), {}),
+    ("doctor --config @/a.yaml --config @/b.yaml", (), {"a.yaml": SLAVE, "b.yaml": SLAVE}),
+    ("doctor --config @/a.yaml", ("a.yaml:2", "cell"), {"a.yaml": "role: slave\ncell: '*'\n"}),
     ("report @/none.mcap --out @/out", ("none.mcap", "No such file"), {}),
     ("report @/run.csv --out @/out", ("run.csv", "MCAP"), {"run.csv": RECORDING}),
     # --- loopback ---
@@ -107,21 +108,33 @@ BAD: list[tuple[str, tuple[str, ...], dict[str, str]]] = [
 
 @pytest.mark.parametrize(("line", "words", "files"), BAD, ids=[line for line, *_ in BAD])
 def test_bad_input_is_one_line_and_leaves_nothing(
-    run: Callable[[Sequence[str]], int],
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    line: str,
-    words: tuple[str, ...],
-    files: dict[str, str],
+    shell: Shell, line: str, words: tuple[str, ...], files: dict[str, str]
 ) -> None:
-    refused(run, capsys, tmp_path, line, words, files)
+    shell.refused(line, words, files)
 
 
-def test_recording_of_two_axes_can_not_be_played(
-    run: Callable[[Sequence[str]], int], capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    with RunWriter(tmp_path / "two.mcap") as writer:
+def test_recording_of_two_axes_can_not_be_played(shell: Shell) -> None:
+    with RunWriter(shell.folder / "two.mcap") as writer:
         for name in ("insertion", "rotation"):
             for index in range(3):
                 put(writer, force(index), axis=name)
-    refused(run, capsys, tmp_path, f"{LOOPBACK} --recording @/two.mcap", ("insertion, rotation",), {})
+    shell.refused(f"{LOOPBACK} --recording @/two.mcap", ("insertion, rotation",))
+
+
+@pytest.mark.parametrize(
+    ("module", "line", "extra", "files"),
+    [
+        ("pyarrow", "diagnose run.parquet", "formats", {"run.parquet": "PAR1"}),
+        ("pyarrow", "simulate --model guidewire --duration 2 --out new.parquet", "formats", {}),
+        ("distributed", "diagnose in --scheduler tcp://127.0.0.1:8786", "cluster", {"in/a.csv": RECORDING}),
+        ("uvicorn", f"dashboard {NEAR}", "dashboard", {}),
+        ("uvicorn", "view run.mcap", "dashboard", {}),
+    ],
+)
+def test_what_needs_an_extra_says_what_to_install(
+    shell: Shell, monkeypatch: pytest.MonkeyPatch, module: str, line: str, extra: str, files: dict[str, str]
+) -> None:
+    monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setitem(sys.modules, f"{module}.parquet", None)
+    monkeypatch.delitem(sys.modules, "forefeel.dashboard.server", raising=False)
+    shell.refused(line, (f"forefeel[{extra}]",), files)

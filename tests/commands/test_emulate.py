@@ -1,14 +1,10 @@
 """`forefeel emulate` on the command line: bad input in one line, a device that appears and goes."""
 
-from collections.abc import Callable, Sequence
-from pathlib import Path
-
 import pytest
 import yaml
 
-from tests.commands.command_line import refused
+from tests.commands.conftest import Shell
 
-Run = Callable[[Sequence[str]], int]
 SLAVE = {
     "role": "slave",
     "axes": [
@@ -43,24 +39,19 @@ SLAVE = {
         ("loopback --out @/out --hardware emulated-serial --recording x.csv", ("--recording",)),
     ],
 )
-def test_what_can_not_be_emulated_is_one_line(
-    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path, line: str, words: tuple[str, ...]
-) -> None:
-    files = {"taken": "mine", "slave.yaml": yaml.safe_dump(SLAVE)}
-    refused(run, capsys, tmp_path, line, words, files)
+def test_what_can_not_be_emulated_is_one_line(shell: Shell, line: str, words: tuple[str, ...]) -> None:
+    shell.refused(line, words, {"taken": "mine", "slave.yaml": yaml.safe_dump(SLAVE)})
 
 
-def test_a_device_appears_where_it_was_told_and_says_what_befell_its_bytes(
-    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    link = tmp_path / "cell"
-    assert run(["emulate", "bota_serial", "--port", str(link), "--duration", "0.2"]) == 0
-    assert capsys.readouterr().out == f"bota_serial on {link} at 460800 baud\n"
+def test_a_device_appears_where_it_was_told_and_goes(shell: Shell) -> None:
+    link = shell.folder / "cell"
+    shown = shell(f"emulate bota_serial --port {link} --duration 0.2")
+    assert (shown.code, shown.out) == (0, f"bota_serial on {link} at 460800 baud\n")
     assert not link.is_symlink()
 
 
-def test_a_device_is_that_of_the_file(run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    file = tmp_path / "slave.yaml"
-    file.write_text(yaml.safe_dump(SLAVE).replace("PORT", str(tmp_path / "stage")))
-    assert run(["emulate", "zaber_ascii", "--config", str(file), "--duration", "0.05"]) == 0
-    assert f"zaber_ascii on {tmp_path / 'stage'} at 115200 baud" in capsys.readouterr().out
+def test_a_device_is_that_of_the_file(shell: Shell) -> None:
+    shell.write({"slave.yaml": yaml.safe_dump(SLAVE).replace("PORT", str(shell.folder / "stage"))})
+    shown = shell("emulate zaber_ascii --config slave.yaml --duration 0.05")
+    assert shown.code == 0
+    assert f"zaber_ascii on {shell.folder / 'stage'} at 115200 baud" in shown.out

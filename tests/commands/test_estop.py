@@ -3,9 +3,9 @@
 import io
 import os
 import sys
-from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
+from unittest.mock import create_autospec
 
 import pytest
 
@@ -14,15 +14,16 @@ from forefeel.common.codec import Codec
 from forefeel.common.errors import RunError
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.folder import state_path
+from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.daemon_settings import load_any
 from forefeel.estop import command
 from forefeel.estop.client import Answer, Request
 from tests.commands.command_line import group
+from tests.commands.conftest import Shell
 from tests.unit.failing import refusing
 
-Run = Callable[[Sequence[str]], int]
 SLAVE = "role: slave\nstate: {directory: st}\ntransport: {listen: ['tcp/127.0.0.1:1']}\n"
-BESIDE = ["estop", "--config", "slave.yaml"]
+BESIDE = "estop --config slave.yaml"
 
 
 @pytest.fixture(autouse=True)
@@ -55,99 +56,67 @@ def daemon(monkeypatch: pytest.MonkeyPatch) -> Daemon:
     return made
 
 
-def test_stop_asks_the_daemon_and_says_its_answer(
-    daemon: Daemon, folder: Path, run: Run, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert run([*BESIDE, "--reason", "--kinks"]) == 0
-    assert daemon.asked == [(folder / "st", Request("estop", "--kinks"))]
-    shown = capsys.readouterr()
+def test_stop_asks_the_daemon_and_says_its_answer(daemon: Daemon, shell: Shell) -> None:
+    shown = shell(f"{BESIDE} --reason --kinks")
+    assert shown.code == 0
+    assert daemon.asked == [(shell.folder / "st", Request("estop", "--kinks"))]
     assert shown.out.splitlines()[0] == "slave: axis insertion: estopped, pressed"
     assert "stopped in" in shown.out and shown.err == "next: forefeel clear --config slave.yaml\n"
 
 
 def test_full_stdout_takes_the_words_and_not_the_stop(
-    daemon: Daemon, run: Run, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    daemon: Daemon, shell: Shell, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     full: Any = io.StringIO()
     monkeypatch.setattr(full, "flush", refusing(OSError(28, "No space left on device")), raising=False)
     monkeypatch.setattr(sys, "stdout", full)
-    assert run(BESIDE) == 0
-    assert len(daemon.asked) == 1
-    assert "axis insertion: estopped" in capsys.readouterr().err
+    shown = shell(BESIDE)
+    assert (shown.code, len(daemon.asked)) == (0, 1)
+    assert "axis insertion: estopped" in shown.err
 
 
-def test_file_that_is_wrong_elsewhere_stops_all_the_same(daemon: Daemon, folder: Path, run: Run) -> None:
-    (folder / "slave.yaml").write_text(f"{SLAVE}axes: [{{name: insertion, gate: {{watchdog_s: soon}}}}]\n")
-    assert run(BESIDE) == 0
+def test_file_that_is_wrong_elsewhere_stops_all_the_same(daemon: Daemon, shell: Shell) -> None:
+    shell.write({"slave.yaml": f"{SLAVE}axes: [{{name: insertion, gate: {{watchdog_s: soon}}}}]\n"})
+    assert shell(BESIDE).code == 0
     daemon.done = None
-    assert run(BESIDE) == 2
+    assert shell(BESIDE).code == 2
 
 
 @pytest.mark.parametrize("done", [False, None], ids=["can not", "nobody"])
 def test_stop_that_nobody_confirms_fails_loudly(
-    daemon: Daemon, run: Run, capsys: pytest.CaptureFixture[str], done: bool | None
+    daemon: Daemon, shell: Shell, monkeypatch: pytest.MonkeyPatch, done: bool | None
 ) -> None:
     daemon.done = done
-    opened = list[str]()
-
-    class Silent:
-        """A network on which nobody answers."""
-
-        notice, codec = "", Codec
-
-        def publisher(self, *_: object) -> Callable[[bytes], None]:
-            return lambda _: None
-
-        def subscribe(self, *_: object) -> None: ...
-
-        def subscribe_all(self, *_: object) -> None: ...
-
-        def close(self) -> None:
-            opened.append("closed")
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("forefeel.estop.network.ZenohTransport.open", lambda *_, **__: Silent())
-        assert run(BESIDE) == 1
-    why, failed = capsys.readouterr().err.splitlines()
+    silent = create_autospec(ZenohTransport, instance=True, notice="", codec=Codec)
+    monkeypatch.setattr("forefeel.estop.network.ZenohTransport.open", lambda *_, **__: silent)
+    shown = shell(BESIDE)
+    why, failed = shown.err.splitlines()
+    assert shown.code == 1
     assert "over the network" in why and "NOT CONFIRMED" in failed
-    assert opened == ["closed"]
+    silent.close.assert_called_once()
 
 
 @pytest.mark.parametrize(
-    "words",
+    "options",
     [
-        ["--config", "none.yaml"],
-        ["--config", "slave.yaml", "--connect", "tcp/127.0.0.1:1"],
-        ["--config", "slave.yaml", "--pki", "pki"],
-        [],
-        ["--cell", "c"],
-        ["--config", "slave.yaml", "--cell", "c"],
-        ["--config"],
-        ["--nothing"],
-        ["slave.yaml"],
+        "--config none.yaml", "--config slave.yaml --connect tcp/127.0.0.1:1", "", "--cell c",
+        "--config slave.yaml --pki pki", "--config slave.yaml --cell c", "--config", "--nothing",
+        "slave.yaml",
     ],
-)
-def test_wrong_usage_is_one_line_and_stops_nothing(
-    daemon: Daemon, run: Run, capsys: pytest.CaptureFixture[str], words: list[str]
-) -> None:
-    assert run(["estop", *words]) == 2
-    shown = capsys.readouterr()
-    assert (shown.out, daemon.asked) == ("", [])
-    assert len(shown.err.splitlines()) == 1
+)  # fmt: skip
+def test_wrong_usage_is_one_line_and_stops_nothing(daemon: Daemon, shell: Shell, options: str) -> None:
+    shell.refused(f"estop {options}")
+    assert daemon.asked == []
 
 
 @pytest.mark.parametrize(
     "text",
     [
-        "role: slave",
-        "role: master\ncell: lab",
-        "{role: slave, cell: 'a.b'}",
-        "role: slave\nstate:\n  directory: ../st",
-        "role: slave\nstate: {directory: /var/lib/x}",
-        "role: slave\nstate: {directory: }",
-        "role: slave\nstate: {flight_records: 5}\ncell: 'é'",
+        "role: slave", "role: master\ncell: lab", "{role: slave, cell: 'a.b'}",
+        "role: slave\nstate:\n  directory: ../st", "role: slave\nstate: {directory: /var/lib/x}",
+        "role: slave\nstate: {directory: }", "role: slave\nstate: {flight_records: 5}\ncell: 'é'",
     ],
-)
+)  # fmt: skip
 def test_state_folder_is_that_of_the_daemon(folder: Path, text: str) -> None:
     path = folder / "some.yaml"
     path.write_text(text)

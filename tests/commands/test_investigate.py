@@ -2,48 +2,46 @@
 
 import json
 import shlex
-from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 from forefeel.common.recording.loading import load_recording
-from tests.commands.command_line import ROOT, contents, refused
+from tests.commands.command_line import ROOT, contents
+from tests.commands.conftest import Shell
 from tests.unit.asked_bench import LIMITS, recorded, stroke
 from tests.unit.diagnosis_samples import put
 from tests.unit.evaluation_samples import csv_text
 
-Run = Callable[[Sequence[str]], int]
-BOUNDS = ["--workspace", "0,0.02", "--max-speed", "0.05", "--max-acceleration", "1", "--seconds", "10"]
+BOUNDS = "--workspace 0,0.02 --max-speed 0.05 --max-acceleration 1 --seconds 10"
 QUESTION = {"motion.csv", "question.json", "question.html"}
 
 
-def test_question_gives_a_motion_and_the_command_that_judges_its_answer(
-    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    put(tmp_path / "run.csv", recorded(stroke()))
-    out = tmp_path / "run-asked"
-    assert run(["investigate", "run.csv", *BOUNDS]) == 0
+def test_question_gives_a_motion_and_the_command_that_judges_its_answer(shell: Shell) -> None:
+    put(shell.folder / "run.csv", recorded(stroke()))
+    out = shell.folder / "run-asked"
+    shown = shell(f"investigate run.csv {BOUNDS}")
+    assert shown.code == 0
     assert {path.name for path in out.iterdir()} == QUESTION
     asked = json.loads((out / "question.json").read_text())
     assert (asked["question"]["verdict"], asked["answer"]) == ("not_separable", None)
     path = load_recording(out / "motion.csv").position_m
     assert LIMITS.low_m <= path.min() < path.max() <= LIMITS.high_m
     answer = recorded(path, seed=2)
-    put(tmp_path / "answer.csv", answer)
-    command = shlex.split(capsys.readouterr().err.partition("with the answer: ")[2])
-    assert run([*command[1:], "--json"]) == 0
+    put(shell.folder / "answer.csv", answer)
+    command = shlex.split(shown.err.partition("with the answer: ")[2])
+    shown = shell([*command[1:], "--json"])
+    assert shown.code == 0
     assert {path.name for path in out.iterdir()} == QUESTION | {"model.yaml", "answer.json", "answer.html"}
-    judged = json.loads(capsys.readouterr().out)
+    judged = json.loads(shown.out)
     assert judged == json.loads((out / "answer.json").read_text())
     assert [cause["name"] for cause in judged["answer"]["causes"]] == ["coulomb_friction"]
     assert judged["confirmation"]["verdict"] == "confirmed"
     before = contents(out)
-    put(tmp_path / "um.csv", replace(answer, position_m=1e6 * answer.position_m))
-    assert run(["investigate", "run.csv", "um.csv", "--out", str(out), "--overwrite"]) == 2
-    assert "um.csv: position_m spans " in capsys.readouterr().err
+    put(shell.folder / "um.csv", replace(answer, position_m=1e6 * answer.position_m))
+    shown = shell(f"investigate run.csv um.csv --out {out} --overwrite")
+    assert shown.code == 2
+    assert "um.csv: position_m spans " in shown.err
     assert contents(out) == before
 
 
@@ -65,9 +63,7 @@ BAD = {
 
 
 @pytest.mark.parametrize(("arguments", "words"), BAD.values(), ids=BAD)
-def test_bad_input_is_one_line(
-    run: Run, capsys: pytest.CaptureFixture[str], tmp_path: Path, arguments: str, words: tuple[str, ...]
-) -> None:
+def test_bad_input_is_one_line(shell: Shell, arguments: str, words: tuple[str, ...]) -> None:
     files = {f"{name}.csv": GOOD for name in "abc"}
     files |= {"slave.yaml": SLAVE, "master.yaml": MASTER}
-    refused(run, capsys, tmp_path, f"investigate {arguments} --out @/out", words, files)
+    shell.refused(f"investigate {arguments} --out @/out", words, files)

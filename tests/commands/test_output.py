@@ -1,7 +1,7 @@
 """`--json` and `--quiet` of every command that answers: one document, or not a word."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -10,10 +10,9 @@ from forefeel.doctor.checks import Finding
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.loopback.virtual import VirtualLoopback
 from tests.commands.command_line import COMMANDS, group
+from tests.commands.conftest import Shell
 from tests.secured import make_pki
 from tests.unit.diagnosis_samples import FRICTION_N, made, put
-
-Run = Callable[[Sequence[str]], int]
 
 ANSWERS = {
     "config check @/slave.yaml": None,
@@ -51,16 +50,6 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture
-def words(made_once: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], list[str]]:
-    """The words of a command line, with files that exist; what takes long is short."""
-    for each in made_once.iterdir():
-        (tmp_path / each.name).symlink_to(each)
-    found = [Finding("settings", "slave.yaml", "amber", "loads", "wait")]
-    monkeypatch.setattr("forefeel.doctor.checks.examine", lambda *_: found)
-    return lambda line: line.replace("@", str(tmp_path)).split()
-
-
 def options(command: Sequence[str]) -> set[str]:
     return {name for each in group(command).params for name in each.opts}
 
@@ -76,14 +65,16 @@ def test_every_command_that_answers_is_tested_and_has_both_options() -> None:
 
 @pytest.mark.parametrize("line", ANSWERS)
 def test_json_is_one_document_and_stdout_holds_nothing_else(
-    run: Run, words: Callable[[str], list[str]], capsys: pytest.CaptureFixture[str], tmp_path: Path, line: str
+    shell: Shell, made_once: Path, monkeypatch: pytest.MonkeyPatch, line: str
 ) -> None:
-    assert run([*words(line), "--json", "--quiet"]) == 0
-    shown = capsys.readouterr()
-    document = json.loads(shown.out)
+    for each in made_once.iterdir():
+        (shell.folder / each.name).symlink_to(each)
+    found = [Finding("settings", "slave.yaml", "amber", "loads", "wait")]
+    monkeypatch.setattr("forefeel.doctor.checks.examine", lambda *_: found)  # the true one takes long
+    code, out, err = shell(f"{line} --json --quiet")
+    document, name = json.loads(out), ANSWERS[line]
     assert document
-    assert shown.err == ""
-    name = ANSWERS[line]
+    assert (code, err) == (0, "")
     if name is not None:
-        assert document == json.loads((tmp_path / "out" / name).read_text())
+        assert document == json.loads((shell.folder / "out" / name).read_text())
         assert document["schema"].startswith("forefeel.")

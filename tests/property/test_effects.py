@@ -13,6 +13,7 @@ from forefeel.common.causes.motion import MotionSample
 from forefeel.common.causes.registry import OWN
 from forefeel.common.causes.runtime import ContactRuntime
 from forefeel.common.causes.transmission import Backlash
+from tests.unit.model_samples import effect, model
 
 FORCES = sorted(name for name, kind in OWN.items() if issubclass(kind, ForceEffect))
 NO_SENSOR = [*FORCES, "backlash"]
@@ -32,15 +33,15 @@ def effects(draw: st.DrawFn, names: list[str]) -> dict[str, Any]:
         for p in OWN[name].parameters
     }
     column = {"column": "roll"} if name == "with_column" else {}
-    return {"effect": name, "parameters": values, **column}
+    return {**effect(name, **values), **column}
 
 
 @st.composite
 def models(draw: st.DrawFn, names: list[str]) -> ContactModel:
     listed = draw(st.lists(effects(names), min_size=1, max_size=6))
     if draw(st.booleans()):
-        listed.append({"effect": "contact_loss", "parameters": {"contact_position_m": 0.001}})
-    return ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "any", "effects": listed})
+        listed.append(effect("contact_loss", contact_position_m=0.001))
+    return model(*listed)
 
 
 def motion(path: list[tuple[float, int]], dt: float = 1e-3) -> list[tuple[float, float, float, float, float]]:

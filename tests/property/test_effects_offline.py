@@ -8,17 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from forefeel.common.causes.base import (
-    ContactEffect,
-    Effect,
-    FactorEffect,
-    ForceEffect,
-    MotionEffect,
-    SensorEffect,
-)
-from forefeel.common.causes.model import ContactModel
+from forefeel.common.causes import base
 from forefeel.common.causes.motion import Motion, MotionSample
 from forefeel.common.causes.registry import OWN
+from tests.unit.model_samples import effect, model
 
 Array = NDArray[np.float64]
 
@@ -48,7 +41,7 @@ def forced(seed: int) -> Motion:
     return Motion.of(*motion, force=motion[3])
 
 
-def random_effect(kind: type[Effect], seed: int) -> Effect:
+def random_effect(kind: type[base.Effect], seed: int) -> base.Effect:
     """Parameters over the decades of their bounds that matter for such a motion, near the defaults too."""
     random = np.random.default_rng(seed)
     values = {}
@@ -68,26 +61,26 @@ def steps_of(motion: Motion) -> list[MotionSample]:
     return samples
 
 
-def evaluated(effect: Effect, m: Any) -> tuple[Any, ...]:  # noqa: ANN401 - a sample or a motion
+def evaluated(effect: base.Effect, m: Any) -> tuple[Any, ...]:  # noqa: ANN401 - a sample or a motion
     """Whatever the effect makes of a sample or of a motion, whose position or acceleration is the force."""
-    if isinstance(effect, ForceEffect):
+    if isinstance(effect, base.ForceEffect):
         return effect.regressors(m)
-    if isinstance(effect, MotionEffect):
+    if isinstance(effect, base.MotionEffect):
         moved = effect.moved(m)
         return moved.x, moved.v, moved.a
-    if isinstance(effect, ContactEffect):
+    if isinstance(effect, base.ContactEffect):
         return effect.contact(m)
-    if isinstance(effect, FactorEffect):
+    if isinstance(effect, base.FactorEffect):
         return (effect.factor(m, m.a),)
-    assert isinstance(effect, SensorEffect)
+    assert isinstance(effect, base.SensorEffect)
     return (effect.reading(m, m.x),)
 
 
-def stepwise(effect: Effect, motion: Motion) -> Array:
+def stepwise(effect: base.Effect, motion: Motion) -> Array:
     return np.array([evaluated(effect, sample) for sample in steps_of(motion)])
 
 
-def whole(effect: Effect, motion: Motion) -> Array:
+def whole(effect: base.Effect, motion: Motion) -> Array:
     columns = np.broadcast_arrays(*evaluated(effect, motion), motion.t)[:-1]
     return np.stack(columns, axis=1).astype(np.float64, casting="no")
 
@@ -120,7 +113,7 @@ def test_hardly_any_samples_are_no_special_case(name: str, n: int) -> None:
     assert len(whole(effect, Motion.of(*random_motion(7))[:n])) == n
 
 
-FORCES = sorted(name for name, kind in OWN.items() if issubclass(kind, ForceEffect))
+FORCES = sorted(name for name, kind in OWN.items() if issubclass(kind, base.ForceEffect))
 
 
 @pytest.mark.parametrize("name", FORCES)
@@ -128,7 +121,7 @@ FORCES = sorted(name for name, kind in OWN.items() if issubclass(kind, ForceEffe
 @given(seeds)
 def test_the_span_holds_the_effect_and_leads_back_to_it(name: str, seed: int) -> None:
     effect, motion = random_effect(OWN[name], seed), Motion.of(*random_motion(seed))
-    assert isinstance(effect, ForceEffect)
+    assert isinstance(effect, base.ForceEffect)
     force_n = effect.columns(motion) @ np.array(effect.linear_values)
     span = effect.span(motion)
     scale = np.linalg.norm(span, axis=0)
@@ -142,36 +135,34 @@ def test_the_span_holds_the_effect_and_leads_back_to_it(name: str, seed: int) ->
         np.testing.assert_allclose(repeated, force_n, rtol=0.0, atol=1e-6 * size)
 
 
-def _within(effect: ForceEffect, values: dict[str, float]) -> bool:
+def _within(effect: base.ForceEffect, values: dict[str, float]) -> bool:
     """Not determined by this motion, a coefficient may leave the bounds."""
     return all(p.lower <= values[p.name] <= p.upper for p in effect.parameters)
 
 
-MEMORY: list[dict[str, Any]] = [
-    {"effect": "backlash", "parameters": {"width_m": 0.0005}},
-    {"effect": "contact_loss", "parameters": {"contact_position_m": 0.001}},
-    {"effect": "mass_damper_spring"},
-    {"effect": "stress_relaxation", "parameters": {"time_constant_s": 0.3}},
-    {"effect": "presliding_hysteresis", "site": "wall", "parameters": {"stiffness_n_m": 40.0}},
-    {"effect": "coulomb_friction", "parameters": {"forward_n": 0.2, "backward_n": 0.1}},
-    {"effect": "stress_relaxation", "site": "shaft"},
-    {"effect": "bias", "parameters": {"force_n": 0.03}},
-    {"effect": "sensor_lag", "parameters": {"time_constant_s": 0.02}},
-    {"effect": "sensor_saturation", "parameters": {"limit_n": 0.3}},
-    {"effect": "gripper_slip", "parameters": {"holding_n": 0.1, "slipped_m": 0.001}},
-    {"effect": "capstan", "parameters": {"wrap_rad": 0.3}},
-    {"effect": "buckling", "parameters": {"euler_n_m2": 1e-4, "free_length_m": 0.03}},
+MEMORY = [
+    effect("backlash", width_m=0.0005),
+    effect("contact_loss", contact_position_m=0.001),
+    effect("mass_damper_spring"),
+    effect("stress_relaxation", time_constant_s=0.3),
+    effect("presliding_hysteresis", "wall", stiffness_n_m=40.0),
+    effect("coulomb_friction", forward_n=0.2, backward_n=0.1),
+    effect("stress_relaxation", "shaft"),
+    effect("bias", force_n=0.03),
+    effect("sensor_lag", time_constant_s=0.02),
+    effect("sensor_saturation", limit_n=0.3),
+    effect("gripper_slip", holding_n=0.1, slipped_m=0.001),
+    effect("capstan", wrap_rad=0.3),
+    effect("buckling", euler_n_m2=1e-4, free_length_m=0.03),
 ]
 
 
 @quick
 @given(seeds, st.sets(st.integers(0, len(MEMORY) - 1), min_size=1))
 def test_a_composition_at_once_is_what_its_steps_are(seed: int, places: set[int]) -> None:
-    effects = [MEMORY[i] for i in sorted(places)]
-    model = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "any", "effects": effects})
-    motion = random_motion(seed)
+    composed, motion = model(*(MEMORY[i] for i in sorted(places))), random_motion(seed)
     steps = np.stack((*motion, np.diff(motion[0], prepend=motion[0][0])), axis=1).tolist()
-    regressed, stepped, at_once = model.runtime(), model.runtime(), model.runtime()
+    regressed, stepped, at_once = composed.runtime(), composed.runtime(), composed.runtime()
     phi = np.array([regressed.regressors(*at) for at in steps]).reshape(len(steps), -1)
     assert_same(at_once.columns(Motion.of(*motion)), phi)
     force_n = np.array([stepped.step(*at) for at in steps])
@@ -179,16 +170,9 @@ def test_a_composition_at_once_is_what_its_steps_are(seed: int, places: set[int]
 
 
 def test_linear_sensors_may_be_taken_of_each_column() -> None:
-    effects = [*MEMORY[2:5], {"effect": "sensor_lag", "parameters": {"time_constant_s": 0.02}}]
-    model = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "any", "effects": effects})
-    runtime, motion = model.runtime(), random_motion(8)
+    runtime = model(*MEMORY[2:5], effect("sensor_lag", time_constant_s=0.02)).runtime()
+    motion = random_motion(8)
     values = np.array(runtime.linear_values)
     sensed = runtime.columns(Motion.of(*motion), sensed=True) @ values
     assert_same(sensed, runtime.forces_n(Motion.of(*motion)))
     assert not np.allclose(sensed, runtime.columns(Motion.of(*motion)) @ values, atol=1e-6)
-
-
-def test_every_effect_says_what_it_looks_like() -> None:
-    sentences = [kind.fingerprint for kind in OWN.values()]
-    assert all(len(sentence) > 20 for sentence in sentences)
-    assert len(set(sentences)) == len(sentences)

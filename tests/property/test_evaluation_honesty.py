@@ -1,4 +1,7 @@
-"""A prediction at t depends on the motion up to t and the forces stamped up to t - delay: on nothing else."""
+"""A prediction at t depends on the motion up to t and the forces stamped up to t - delay: on nothing else.
+
+Of the predictor itself tests/property/test_predictor_honesty.py says so, of each of its experts.
+"""
 
 from functools import cache
 
@@ -51,7 +54,7 @@ def differences(one: MethodTrace, other: MethodTrace, rows: slice) -> int:
 
 
 @pytest.mark.parametrize("link", LINKS, ids=str)
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", [name for name in METHODS if name != "forefeel"])
 @settings(max_examples=5)
 @given(cut=st.integers(50, len(SAMPLE) - 50), seed=st.integers(0, 99))
 def test_what_was_not_known_changes_nothing(method: str, link: DelayedLink, cut: int, seed: int) -> None:

@@ -21,13 +21,14 @@ ANY = st.builds(
     velocity_m_s=st.floats(-3, 3),
     deadman=st.booleans(),
 )
+Arrivals = list[tuple[MotionCommand, int, OffsetEstimate | None]]
 OFFSET = st.integers(-(10**14), 10**14)
 CLOCK = st.none() | st.builds(compared, OFFSET, st.integers(0, 350 * MS))
 
 
 @given(st.lists(st.tuples(ANY, st.integers(0, 5 * S), CLOCK), max_size=60))
 def test_whatever_comes_is_admitted_once_in_order_in_range_or_refused(
-    arrivals: list[tuple[MotionCommand, int, OffsetEstimate | None]],
+    arrivals: Arrivals,
 ) -> None:
     gate = CommandGate(LIMITS)
     gate.open(1)
@@ -66,9 +67,7 @@ def test_on_any_network_nothing_older_than_the_limit_is_admitted_and_nothing_fre
 
 
 @given(st.lists(st.tuples(ANY, st.integers(0, 5 * S), CLOCK), max_size=30), st.data())
-def test_a_refused_command_leaves_no_trace(
-    arrivals: list[tuple[MotionCommand, int, OffsetEstimate | None]], data: st.DataObject
-) -> None:
+def test_a_refused_command_leaves_no_trace(arrivals: Arrivals, data: st.DataObject) -> None:
     one, other = CommandGate(LIMITS), CommandGate(LIMITS)
     one.open(1)
     other.open(1)

@@ -27,19 +27,10 @@ def all_limits(draw: st.DrawFn) -> AxisLimits:
     )
 
 
-COMMANDS = st.lists(
-    st.tuples(
-        st.sampled_from(["follow", "stop"]),
-        POSITION,
-        SPEED,
-        FORCE,
-        st.floats(0.0, 1.0),
-        st.integers(1, 40),  # ticks without a new command
-        st.sampled_from([1e-6, 0.3e-3, 1e-3, 1e-3, 1e-3, 4e-3, 10e-3]),
-    ),
-    min_size=1,
-    max_size=30,
-)
+KIND, SHARE = st.sampled_from(["follow", "stop"]), st.floats(0.0, 1.0)
+TICKS = st.integers(1, 40)  # without a new command
+STEP_S = st.sampled_from([1e-6, 0.3e-3, 1e-3, 1e-3, 1e-3, 4e-3, 10e-3])
+COMMANDS = st.lists(st.tuples(KIND, POSITION, SPEED, FORCE, SHARE, TICKS, STEP_S), min_size=1, max_size=30)
 Commands = list[tuple[str, float, float, float, float, int, float]]
 
 

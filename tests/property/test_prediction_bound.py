@@ -6,26 +6,19 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from forefeel.common.causes.model import SCHEMA, ContactModel
+from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.motion import Motion
 from forefeel.common.estimation.contact_prior import ContactPrior, exactly, widened
 from forefeel.slave.plant.presets import PRESETS
+from tests.unit.model_samples import effect, model
 from tests.unit.predictor_samples import Sample, replayed
 
-VESSEL = {
-    "schema": SCHEMA,
-    "name": "vessel",
-    "effects": [
-        {"effect": name, "parameters": values}
-        for name, values in {
-            "mass_damper_spring": {"mass_kg": 0.01, "stiffness_n_m": 7.5},
-            "presliding_hysteresis": {"force_n": 0.08, "stiffness_n_m": 250.0},
-            "asymmetric_damping": {"forward_n_s_m": 6.0, "backward_n_s_m": 0.5},
-        }.items()
-    ],
-}
 WORLDS = {
-    "vessel": ContactModel.from_mapping(VESSEL),
+    "vessel": model(
+        effect("mass_damper_spring", mass_kg=0.01, stiffness_n_m=7.5),
+        effect("presliding_hysteresis", force_n=0.08, stiffness_n_m=250.0),
+        effect("asymmetric_damping", forward_n_s_m=6.0, backward_n_s_m=0.5),
+    ),
     **{name: ContactModel.from_mapping(preset["contact"]) for name, preset in PRESETS.items()},
 }
 
@@ -68,8 +61,8 @@ def test_no_prediction_runs_away(
     rate_hz: float, delay_s: float, rest_s: float, creep_m_s: float, world: str, known: str, seed: int
 ) -> None:
     sample = moved(world, rate_hz, rest_s, creep_m_s, seed)
-    model, prior = taught(known, world)
-    said = replayed(sample, delay_s, prior=prior, model=model)
+    taught_model, prior = taught(known, world)
+    said = replayed(sample, delay_s, prior=prior, model=taught_model)
     rows = np.isfinite(said.held) & np.isfinite(said.force)
     assert np.abs(said.force[rows]).max() <= 3.0 * np.abs(sample.f).max()
     assert said.rms(sample.f, rows) <= 1.2 * said.zoh_rms(sample.f, rows)

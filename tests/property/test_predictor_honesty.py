@@ -13,20 +13,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from forefeel.common.causes.model import SCHEMA, ContactModel
 from forefeel.common.estimation.blend import CONTACT, NAMES
 from forefeel.common.estimation.contact_prior import exactly, widened
 from forefeel.common.estimation.predictor import Predictor
+from tests.unit.model_samples import effect, model
 from tests.unit.predictor_samples import Array, contact
 
 SAMPLE = contact(duration_s=5.0, rate_hz=200.0, changed=2.0)
 COUNT = len(SAMPLE.t)
-MODEL = ContactModel.from_mapping(
-    {"schema": SCHEMA, "name": "k", "effects": [{"effect": "mass_damper_spring"}]}
-)
 PRIOR = widened(
     exactly({"mass_damper_spring.stiffness_n_m": 60.0, "mass_damper_spring.damping_n_s_m": 1.5}), 1.0
 )
+MODEL = model(effect("mass_damper_spring"))
 KNOWN = {"cold": (None, None), "model": (MODEL, None), "prior": (None, PRIOR), "both": (MODEL, PRIOR)}
 DELAYS = (4, 60, 200)
 

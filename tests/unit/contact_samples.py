@@ -99,10 +99,7 @@ def learned(of: Session, prior: ContactPrior | None = None) -> Contact | None:
 
 
 def predicted(
-    of: Session,
-    prior: ContactPrior | None = None,
-    loaded: ContactModel | None = None,
-    delay_s: float = 0.3,
+    of: Session, prior: ContactPrior | None = None, loaded: ContactModel | None = None, delay_s: float = 0.3
 ) -> Array:
     """The force at each sample when forces arrive after the delay and fits take what they take."""
     fit, expert, late = ContactFit(prior, loaded), ContactExpert(), round(delay_s / DT_S)

@@ -9,16 +9,7 @@ import pytest
 import zenoh
 
 from forefeel.common.topics import PUBLISHED
-from forefeel.common.transport.security import (
-    CELL_ROLES,
-    ROLES,
-    Party,
-    PartyFiles,
-    PartyRole,
-    access_control,
-    common_name,
-    secured,
-)
+from forefeel.common.transport import security
 from forefeel.pki.folder import router_file
 
 ROOT = Path(__file__).parents[2]
@@ -54,24 +45,26 @@ def allowed(rules: dict[str, Any], name: str, flow: str, message: str, key: str)
     )
 
 
-@pytest.mark.parametrize("own", CELL_ROLES)
-def test_an_end_takes_and_gives_what_both_roles_allow(own: PartyRole) -> None:
-    rules = access_control(Party(own, ("c",)))
-    for remote, topic in product(ROLES, PUBLISHED):
+@pytest.mark.parametrize("own", security.CELL_ROLES)
+def test_an_end_takes_and_gives_what_both_roles_allow(own: security.PartyRole) -> None:
+    rules = security.access_control(security.Party(own, ("c",)))
+    for remote, topic in product(security.ROLES, PUBLISHED):
         if remote == own:
             continue
-        key, name = topic.key("c", "insertion"), common_name(remote, "c")
+        key, name = topic.key("c", "insertion"), security.common_name(remote, "c")
         comes = topic.name in SAYS[remote] & HEARS[own]
         goes = topic.name in SAYS[own] & HEARS[remote]
         assert allowed(rules, name, "ingress", "put", key) == comes, (remote, topic.name)
         assert allowed(rules, name, "egress", "put", key) == goes, (remote, topic.name)
 
 
-@pytest.mark.parametrize("remote", CELL_ROLES)
-def test_a_router_takes_and_gives_what_the_role_allows_in_its_own_cell_only(remote: PartyRole) -> None:
-    rules = access_control(Party("router", ("c", "d")))
+@pytest.mark.parametrize("remote", security.CELL_ROLES)
+def test_a_router_takes_and_gives_what_the_role_allows_in_its_own_cell_only(
+    remote: security.PartyRole,
+) -> None:
+    rules = security.access_control(security.Party("router", ("c", "d")))
     for topic, cell in product(PUBLISHED, "cde"):
-        key, name = topic.key(cell, "insertion"), common_name(remote, "c")
+        key, name = topic.key(cell, "insertion"), security.common_name(remote, "c")
         inside = cell == "c"
         assert allowed(rules, name, "ingress", "put", key) == (inside and topic.name in SAYS[remote])
         assert allowed(rules, name, "egress", "put", key) == (inside and topic.name in HEARS[remote])
@@ -80,22 +73,24 @@ def test_a_router_takes_and_gives_what_the_role_allows_in_its_own_cell_only(remo
 BEYOND = ["forefeel/**", "**", "forefeel/*/insertion/master/command", "forefeel/d/**", "@/**"]
 
 
-@pytest.mark.parametrize("own", ROLES)
+@pytest.mark.parametrize("own", security.ROLES)
 @pytest.mark.parametrize("key", [*BEYOND, WHOLE])
-def test_no_wildcard_is_put_and_none_beyond_the_own_cell_is_subscribed(own: PartyRole, key: str) -> None:
-    rules = access_control(Party(own, ("c",)))
-    for remote, flow in product(ROLES, ("ingress", "egress")):
-        name = common_name(remote, "c")
+def test_no_wildcard_is_put_and_none_beyond_the_own_cell_is_subscribed(
+    own: security.PartyRole, key: str
+) -> None:
+    rules = security.access_control(security.Party(own, ("c",)))
+    for remote, flow in product(security.ROLES, ("ingress", "egress")):
+        name = security.common_name(remote, "c")
         assert not allowed(rules, name, flow, "put", key)
         if key != WHOLE:
             assert not allowed(rules, name, flow, "declare_subscriber", key)
 
 
-@pytest.mark.parametrize("remote", CELL_ROLES)
-def test_observers_alone_subscribe_to_a_whole_cell(remote: PartyRole) -> None:
-    own: PartyRole = "master" if remote == "slave" else "slave"
-    for party in (Party(own, ("c",)), Party("router", ("c",))):
-        rules, name = access_control(party), common_name(remote, "c")
+@pytest.mark.parametrize("remote", security.CELL_ROLES)
+def test_observers_alone_subscribe_to_a_whole_cell(remote: security.PartyRole) -> None:
+    own: security.PartyRole = "master" if remote == "slave" else "slave"
+    for party in (security.Party(own, ("c",)), security.Party("router", ("c",))):
+        rules, name = security.access_control(party), security.common_name(remote, "c")
         observes = remote in {"recorder", "viewer"}
         assert allowed(rules, name, "ingress", "declare_subscriber", WHOLE) == observes
         heard = next(topic for topic in PUBLISHED if topic.name in HEARS[remote] & SAYS[own])
@@ -103,31 +98,31 @@ def test_observers_alone_subscribe_to_a_whole_cell(remote: PartyRole) -> None:
         assert allowed(rules, name, "ingress", "declare_subscriber", key)
 
 
-@pytest.mark.parametrize("own", ROLES)
-def test_nothing_but_puts_and_subscriptions_is_ever_allowed(own: PartyRole) -> None:
-    rules: Any = access_control(Party(own, ("c", "d")))["rules"]
+@pytest.mark.parametrize("own", security.ROLES)
+def test_nothing_but_puts_and_subscriptions_is_ever_allowed(own: security.PartyRole) -> None:
+    rules: Any = security.access_control(security.Party(own, ("c", "d")))["rules"]
     assert {message for rule in rules for message in rule["messages"]} <= {"put", "declare_subscriber"}
     assert len({rule["id"] for rule in rules}) == len(rules)
 
 
 def test_nobody_of_another_cell_or_without_a_name_of_ours_is_a_subject() -> None:
-    rules: Any = access_control(Party("slave", ("c",)))
+    rules: Any = security.access_control(security.Party("slave", ("c",)))
     names = {name for subject in rules["subjects"] for name in subject["cert_common_names"]}
-    assert names == {common_name(role, "c") for role in ("master", "recorder", "viewer", "router")}
+    assert names == {security.common_name(role, "c") for role in ("master", "recorder", "viewer", "router")}
     assert not any("*" in name for name in names)
 
 
 def test_a_common_name_tells_role_and_cell_apart() -> None:
     cells = ["c", "c-slave", "router", "slave", "c-master"]
-    names = [common_name(role, cell) for role, cell in product(CELL_ROLES, cells)]
-    assert len({*names, common_name("router", "")}) == len(names) + 1
+    names = [security.common_name(role, cell) for role, cell in product(security.CELL_ROLES, cells)]
+    assert len({*names, security.common_name("router", "")}) == len(names) + 1
 
 
 def test_zenoh_takes_all_of_it() -> None:
-    files = PartyFiles(Path("ca"), Path("crt"), Path("key"))
-    for role in ROLES:
+    files = security.PartyFiles(Path("ca"), Path("crt"), Path("key"))
+    for role in security.ROLES:
         config = zenoh.Config()
-        for path, value in secured(Party(role, ("c", "d")), files).items():
+        for path, value in security.secured(security.Party(role, ("c", "d")), files).items():
             config.insert_json5(path, json.dumps(value))
         assert json.loads(config.get_json("transport/link/tls/enable_mtls")) is True
 

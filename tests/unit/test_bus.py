@@ -1,9 +1,7 @@
-from typing import Any
-
 from forefeel.common.bus import BATCH_NS, Bus, observed
 from forefeel.common.clock import VirtualClock
 from forefeel.common.messages import ForceSample
-from forefeel.common.topics import FORCE, HAPTICS, SLAVE_STATE, TOPICS, Topic
+from forefeel.common.topics import FORCE, HAPTICS, SLAVE_STATE
 from forefeel.common.transport.memory import MemoryBus
 from tests.messages import force, haptics, usual
 
@@ -71,9 +69,7 @@ def test_observed_batch_whose_stamps_are_wild_is_received_within_a_second() -> N
     assert [at_ns for _, at_ns in found] == [1000 * MS, 2000 * MS]
 
 
-def test_only_streams_are_batched_and_one_message_alone_is_observed_too() -> None:
-    batched: set[Topic[Any]] = {topic for topic in TOPICS if topic.batched}
-    assert {topic.name for topic in batched} == {"master/command", "slave/force", "master/haptics"}
+def test_one_message_alone_is_observed_as_a_batch_is() -> None:
     net = Net()
     net.slave.publisher(SLAVE_STATE).send(usual(SLAVE_STATE))
     assert observed(SLAVE_STATE, net.observed[0][1], 7)[0][1] == 7

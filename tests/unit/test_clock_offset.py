@@ -1,5 +1,6 @@
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from random import Random
 
 import pytest
@@ -9,6 +10,9 @@ from hypothesis import strategies as st
 from forefeel.common.clock_offset import MAX_RATE_PPM, ClockOffset, OffsetEstimate
 from tests.clocks import compared
 
+Exchanges = list[tuple[int, int, int, int]]
+Route = Callable[[float], tuple[int, int]]
+Offset = Callable[[float], int]
 MS = 1_000_000
 S = 1_000_000_000
 PPM = 1e-6
@@ -66,14 +70,12 @@ TRUE_DELAY = st.integers(MS // 100, 300 * MS)  # no network is faster than a pee
 PAUSE, ANSWER = st.integers(1, 3 * S), st.integers(0, 50 * MS)
 
 
-def exchanges_of(delay: st.SearchStrategy[int]) -> st.SearchStrategy[list[tuple[int, int, int, int]]]:
+def exchanges_of(delay: st.SearchStrategy[int]) -> st.SearchStrategy[Exchanges]:
     return st.lists(st.tuples(PAUSE, delay, delay, ANSWER), min_size=1, max_size=40)
 
 
 @given(st.integers(-(10**15), 10**15), exchanges_of(DELAY))
-def test_the_true_offset_is_always_within_the_bound(
-    offset_ns: int, exchanges: list[tuple[int, int, int, int]]
-) -> None:
+def test_the_true_offset_is_always_within_the_bound(offset_ns: int, exchanges: Exchanges) -> None:
     clock = ClockOffset()
     now_ns = 0
     for pause_ns, there_ns, back_ns, peer_ns in exchanges:
@@ -83,7 +85,7 @@ def test_the_true_offset_is_always_within_the_bound(
 
 @given(st.integers(-(10**15), 10**15), st.integers(-950, 950), exchanges_of(TRUE_DELAY))
 def test_the_true_offset_stays_within_the_bound_of_clocks_that_drift(
-    offset_ns: int, drift_ppm: int, exchanges: list[tuple[int, int, int, int]]
+    offset_ns: int, drift_ppm: int, exchanges: Exchanges
 ) -> None:
     clock = ClockOffset()
 
@@ -103,35 +105,19 @@ def test_the_true_offset_stays_within_the_bound_of_clocks_that_drift(
         before_ns = within_the_exchange_ns
 
 
-# --- the path now, and the rate of the peer's clock ---
-
-
-def heartbeats(
-    clock: ClockOffset,
-    seconds: float,
-    path: Callable[[float], tuple[int, int]],
-    offset: Callable[[float], int],
-    start_ns: int = S,
-) -> int:
+def heartbeats(clock: ClockOffset, seconds: float, path: Route, offset: Offset, start_ns: int = S) -> int:
     """Exchanges at 20 Hz; `path`, `offset`: one-way delays and the peer's offset, in ns, at a time in s."""
     for now_ns in range(start_ns, start_ns + round(seconds * S), 50 * MS):
         there_ns, back_ns = path(now_ns / S)
         arrival_ns = now_ns + there_ns
-        clock.update(
-            now_ns,
-            arrival_ns + offset(arrival_ns / S),
-            arrival_ns + offset(arrival_ns / S),
-            arrival_ns + back_ns,
-        )
+        peer_ns = arrival_ns + offset(arrival_ns / S)
+        clock.update(now_ns, peer_ns, peer_ns, arrival_ns + back_ns)
     return start_ns + round(seconds * S)
 
 
-def jittered(mean_ns: int, half_width_ns: int, seed: int) -> Callable[[float], tuple[int, int]]:
-    draw = Random(seed).uniform
-    return lambda _: (
-        round(mean_ns + draw(-half_width_ns, half_width_ns)),
-        round(mean_ns + draw(-half_width_ns, half_width_ns)),
-    )
+def jittered(mean_ns: int, half_width_ns: int, seed: int) -> Route:
+    draw, ends_ns = Random(seed).uniform, (mean_ns - half_width_ns, mean_ns + half_width_ns)
+    return lambda _: (round(draw(*ends_ns)), round(draw(*ends_ns)))
 
 
 @pytest.mark.parametrize(("there_ns", "back_ns"), [(200 * MS, 10 * MS), (10 * MS, 200 * MS), (5, 5)])
@@ -185,19 +171,16 @@ def test_a_clock_at_another_rate_makes_no_message_late_or_early(rate_ppm: int) -
 @pytest.mark.parametrize("creep_s_s", [1.5e-3, 0.1e-3])
 def test_a_delay_that_creeps_up_ages_every_message_however_slowly(creep_s_s: float) -> None:
     """On our way or on the peer's: a message that completes the longer round trip is late."""
-    for there, back in ((1.0, 0.0), (0.0, 1.0)):
-        clock, crept_ns = ClockOffset(), round(200.0 * creep_s_s * S)
-        heartbeats(
-            clock,
-            200.0,
-            lambda t, there=there, back=back: (  # type: ignore[misc]
-                150 * MS + round(there * t * creep_s_s * S),
-                150 * MS + round(back * t * creep_s_s * S),
-            ),
-            lambda _: 0,
-        )
-        excess_ns = best(clock).excess_ns(150 * MS + round(back * crept_ns))
-        assert excess_ns == pytest.approx(crept_ns, abs=2 * MS)
+
+    def crept_ns(time_s: float) -> int:
+        return 150 * MS + round(time_s * creep_s_s * S)
+
+    there, back = ClockOffset(), ClockOffset()
+    heartbeats(there, 200.0, lambda t: (crept_ns(t), 150 * MS), lambda _: 0)
+    heartbeats(back, 200.0, lambda t: (150 * MS, crept_ns(t)), lambda _: 0)
+    late_ns = crept_ns(200.0) - 150 * MS
+    assert best(there).excess_ns(150 * MS) == pytest.approx(late_ns, abs=2 * MS)
+    assert best(back).excess_ns(crept_ns(200.0)) == pytest.approx(late_ns, abs=2 * MS)
 
 
 @pytest.mark.parametrize("rate_ppm", [83_333, -83_333])
@@ -216,6 +199,10 @@ def test_a_rate_that_is_not_followed_is_certain_within_seconds(
 @pytest.mark.parametrize(("rate_ppm", "seed"), [(0, 0), (500, 1), (-1000, 2)])
 def test_no_rate_that_is_followed_is_taken_for_one_that_is_not(rate_ppm: int, seed: int) -> None:
     """Neither with the jitter of the paper, nor over a route that changes, nor after a clock was set."""
+
+    def offset(set_ns: int, time_s: float) -> int:
+        return round(time_s * S * rate_ppm * PPM) + set_ns * (time_s > 30.0)
+
     for path in (
         jittered(150 * MS, 10 * MS, seed),
         jittered(20 * MS, 15 * MS, seed),
@@ -226,11 +213,5 @@ def test_no_rate_that_is_followed_is_taken_for_one_that_is_not(rate_ppm: int, se
         for step_ns in (0, S):
             clock = ClockOffset()
             for start_s in range(1, 61, 2):
-                heartbeats(
-                    clock,
-                    2.0,
-                    path,
-                    lambda t, step_ns=step_ns: round(t * S * rate_ppm * PPM) + step_ns * (t > 30.0),  # type: ignore[misc]
-                    start_s * S,
-                )
+                heartbeats(clock, 2.0, path, partial(offset, step_ns), start_s * S)
                 assert abs(best(clock).rate_ppm) <= MAX_RATE_PPM * 1.01

@@ -68,16 +68,13 @@ def mistake(tmp_path: Path, text: str | bytes) -> str:
         ("name: a\ncount: -1\n", "2: count = -1: "),
         ("name: a\n\ncount: many\n", "3: count = 'many': "),
         ("name: a\nratio: .nan\n", "2: ratio = nan: "),
-        ("name: a\nratio:\n", "2: ratio = None: "),
         ("name: a\nratio: [1]\n", "2: ratio = a list: "),
         ('name: a\nratio: "1.0"\n', "2: ratio = '1.0': expected a number"),
         ("name: a\nspan_m: [0, '1e3']\n", "2: span_m = [0, '1e3']: expected a number"),
-        ("name: 3\n", "1: name = 3: "),
         ("name: a\nratio: on\n", "2: ratio = True: expected no truth value"),
         ("name: a\nspan_m: [no, 1]\n", "2: span_m = [False, 1]: expected no truth value"),
         ("name: a/b\n", "1: name = 'a/b': "),
         ("name: a\nspan_m: [0, x]\n", "2: span_m[1] = 'x': "),
-        ("name: a\nspan_m: [0]\n", "2: span_m[1]: missing"),
         ("name: a\nparts:\n  - kind: drive\n    speed_m: 2\n", "4: parts[0].speed_m: unknown key"),
         ("name: a\nparts:\n  - kind: drive\n    speed_m_s: 2\n", "4: parts[0].speed_m_s = 2: "),
         ("name: a\nparts:\n  - {kind: drive}\n  - kind: brake\n", "4: parts[1].force_n: missing"),
@@ -99,6 +96,7 @@ def mistake(tmp_path: Path, text: str | bytes) -> str:
         (f"name: a\nnotes: {'x' * 300}\n", "2: notes = "),
         ("name: a\0b\n", "1: "),
         (b"name: \xff\xfe\n", " not UTF-8 text"),
+        *((text, " ") for text in ("name: 2020-13-45\n", "count: 0x_\n", "a: " + "[" * 1100, "? " * 1100)),
     ],
 )
 def test_config_mistake_is_one_line_with_its_place(tmp_path: Path, text: str | bytes, expected: str) -> None:
@@ -111,11 +109,6 @@ def test_a_replay_stands_for_both_directions(tmp_path: Path, where: str) -> None
     text = f"impairment:\n  replay: run.mcap\n  {where}: lan\n"
     with pytest.raises(ConfigurationError, match="yaml:2: impairment: replay: expected neither inbound nor"):
         load_settings(SlaveSettings, written(tmp_path, text))
-
-
-@pytest.mark.parametrize("text", ["name: 2020-13-45\n", "count: 0x_\n", "a: " + "[" * 1100, "? " * 1100])
-def test_what_even_the_yaml_parser_does_not_expect_is_one_line(tmp_path: Path, text: str) -> None:
-    assert mistake(tmp_path, text).startswith("machine.yaml: ")
 
 
 def test_aliases_that_stand_for_gigabytes_are_refused_before_any_is_written_out(tmp_path: Path) -> None:
@@ -160,22 +153,9 @@ def test_a_relative_path_counts_from_the_file_and_is_absolute_from_then_on(
     assert load_settings(Machine, written(tmp_path, dump_yaml(machine))) == machine
 
 
-@pytest.mark.parametrize("kind", [SlaveSettings, MasterSettings])
-def test_the_effective_settings_load_again(
-    tmp_path: Path, kind: type[SlaveSettings] | type[MasterSettings]
-) -> None:
-    settings = kind()
-    again = load_settings(kind, written(tmp_path, dump_yaml(settings)))
-    assert again == settings
-    assert dump_yaml(again) == dump_yaml(settings)
-
-
 def test_the_deployed_files_load_and_share_their_limits() -> None:
     slave = load_settings(SlaveSettings, DEPLOY / "slave.yaml")
     master = load_settings(MasterSettings, DEPLOY / "master.yaml")
-    assert sorted(path.name for path in DEPLOY.glob("*.yaml")) == [
-        "master.yaml", "recorder.yaml", "router.yaml", "slave.yaml",
-    ]  # fmt: skip
     assert [axis.name for axis in slave.axes] == [axis.name for axis in master.axes]
     for one, other in zip(slave.axes, master.axes, strict=True):
         ours = shared_text(slave.cell, one.name, one.limits)
@@ -193,45 +173,19 @@ def test_two_axes_of_one_name_are_refused(tmp_path: Path) -> None:
 def test_a_force_limit_that_the_simulated_load_cell_can_not_measure_is_refused(tmp_path: Path) -> None:
     text = "axes:\n  - simulation: {preset: guidewire}\n    limits: {max_force_n: %s}\n"
     load_settings(SlaveSettings, written(tmp_path, text % 0.475))
-    with pytest.raises(ConfigurationError) as caught:
+    with pytest.raises(ConfigurationError, match=r"limits\.max_force_n = 0\.476: expected at most 0\.475"):
         load_settings(SlaveSettings, written(tmp_path, text % 0.476))
-    assert str(caught.value).endswith(
-        "limits.max_force_n = 0.476: expected at most 0.475, what the load cell can measure "
-        "(95% of simulation.load_cell.full_scale_n)"
-    )
     (tmp_path / "run.csv").write_text("")
     recorded = text % 9.0 + "    load_cell: {driver: recorded, recording: run.csv}\n"
     load_settings(SlaveSettings, written(tmp_path, recorded))
 
 
-TREE = st.recursive(
-    st.integers(0, 3),
-    lambda inner: st.dictionaries(st.sampled_from("abc"), inner, min_size=1, max_size=3),
-    max_leaves=8,
-)
-MAPPING = st.dictionaries(st.sampled_from("abc"), TREE, max_size=3)
-
-
-def leaves(tree: Any, place: tuple[str, ...] = ()) -> dict[tuple[str, ...], int]:  # noqa: ANN401 - a tree
-    if isinstance(tree, int):
-        return {place: tree}
-    return {p: leaf for key, child in tree.items() for p, leaf in leaves(child, (*place, key)).items()}
-
-
-@given(MAPPING, MAPPING)
-def test_a_merge_has_every_value_of_the_override_and_the_rest_of_the_base(
-    base: dict[str, Any], override: dict[str, Any]
-) -> None:
+def test_a_merge_takes_the_override_below_what_both_have_and_changes_neither() -> None:
+    base: dict[str, Any] = {"a": {"b": 1, "c": {"d": 2}}, "e": 3, "f": {"g": 4}}
+    override: dict[str, Any] = {"a": {"c": {"h": 5}}, "f": 6, "e": {"i": 7}}
     before = deepcopy([base, override])
-    merged = leaves(deep_merge(base, override))
-    over = leaves(override)
-    assert over.items() <= merged.items()
-    kept = {
-        p: v for p, v in leaves(base).items() if not any(p[: len(o)] == o or o[: len(p)] == p for o in over)
-    }
-    assert kept.items() <= merged.items()
-    assert merged.items() <= {**leaves(base), **over}.items()
-    assert [base, override] == before, "the arguments stay as they are"
+    assert deep_merge(base, override) == {"a": {"b": 1, "c": {"d": 2, "h": 5}}, "e": {"i": 7}, "f": 6}
+    assert [base, override] == before
 
 
 @pytest.mark.parametrize(
@@ -259,24 +213,16 @@ END: dict[str, tuple[type[Settings], dict[str, Any]]] = {
 @pytest.mark.parametrize(
     ("role", "key", "value"),
     [
-        ("slave", "gate.stop_deceleration_m_s2", 0.05),
-        ("slave", "gate.watchdog_s", 0.0),
-        ("slave", "gate.watchdog_s", 0.3),
-        ("slave", "gate.force_timeout_s", None),
-        ("slave", "gate.max_age_s", 1.0),
-        ("slave", "gate.lease_s", 10.0),
-        ("slave", "gate.alignment_m", 0.05),
-        ("slave", "gate.engage_ramp_s", 1e-6),
-        ("slave", "limits.max_acceleration_m_s2", 1e7),
-        ("slave", "limits.max_force_n", 9000.0),
-        ("slave", "limits.stiffest_wall_n_m", 0.001),
-        ("master", "rendering.max_force_n", 50.0),
-        ("master", "rendering.max_slew_n_s", 1e4),
-        ("master", "rendering.max_stiffness_n_m", 1e5),
-        ("master", "rendering.stale_s", 2.0),
-        ("master", "rendering.fade_s", 5.0),
+        ("slave", "gate.stop_deceleration_m_s2", 0.05), ("slave", "gate.watchdog_s", 0.0),
+        ("slave", "gate.watchdog_s", 0.3), ("slave", "gate.force_timeout_s", None),
+        ("slave", "gate.max_age_s", 1.0), ("slave", "gate.lease_s", 10.0),
+        ("slave", "gate.alignment_m", 0.05), ("slave", "gate.engage_ramp_s", 1e-6),
+        ("slave", "limits.max_acceleration_m_s2", 1e7), ("slave", "limits.max_force_n", 9000.0),
+        ("slave", "limits.stiffest_wall_n_m", 0.001), ("master", "rendering.max_force_n", 50.0),
+        ("master", "rendering.max_slew_n_s", 1e4), ("master", "rendering.max_stiffness_n_m", 1e5),
+        ("master", "rendering.stale_s", 2.0), ("master", "rendering.fade_s", 5.0),
     ],
-)
+)  # fmt: skip
 def test_what_switches_a_protection_off_needs_its_name_in_unsafe(role: str, key: str, value: object) -> None:
     (kind, devices), (section, name) = END[role], key.split(".")
     axis = {**deepcopy(devices), section: {name: value}}

@@ -12,11 +12,10 @@ import pytest
 from forefeel import daemons
 from forefeel.common.config import checked
 from forefeel.common.errors import ConfigurationError, EndpointError, NoRouterError, RunError
-from forefeel.common.state.folder import EVENTS, LATCHED
-from forefeel.common.state.latch import latched
+from forefeel.common.state.folder import EVENTS
 from forefeel.common.transport.memory import MemoryBus, MemoryTransport
 from forefeel.common.transport.parallel import ParallelTransport
-from forefeel.control_socket import ControlSocket, SlaveRequests
+from forefeel.control_socket import ControlSocket
 from forefeel.daemons import Process, SessionWatch
 from forefeel.master.session import Session, SessionState
 from forefeel.master.settings import MasterSettings
@@ -84,9 +83,9 @@ def test_slave_alone_waits_and_ends_in_order(bench: Bench, capsys: pytest.Captur
 
 def test_pair_opens_session_and_moves(bench: Bench, capsys: pytest.CaptureFixture[str]) -> None:
     async def both() -> None:
-        slave = asyncio.create_task(bench.slave(6.0))
+        slave = asyncio.create_task(bench.slave(2.5))
         await asyncio.sleep(0.5)
-        await bench.master(3.0)
+        await bench.master(1.5)
         await slave
 
     bench.host.run(both())
@@ -94,22 +93,6 @@ def test_pair_opens_session_and_moves(bench: Bench, capsys: pytest.CaptureFixtur
     transitions = [each.details["after"] for each in bench.log("slave") if each.event == "safety"]
     assert transitions[:3] == ["ready", "engaging", "armed"]
     assert bench.events("master")[-1] == "stop"
-
-
-def test_stop_outlives_the_daemon(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as pressed:
-        pressed.setattr(
-            SlaveRequests,
-            "__init__",
-            lambda _, daemon, *__: daemon.axes[0].emergency_stop("kinked", "nurse"),
-        )
-        bench.host.run(bench.slave())
-    asked = next(each for each in bench.log("slave") if each.event == "emergency_stop")
-    assert (asked.details["by"], asked.details["reason"]) == ("nurse", "kinked")
-    assert latched(bench.folder / "slave" / LATCHED) == {"insertion": "kinked"}
-    bench.host.run(bench.slave())
-    last = [each for each in bench.log("slave") if each.event == "safety"][-1]
-    assert (last.details["after"], "kinked" in last.details["reason"]) == ("estopped", True)
 
 
 def test_fault_ends_the_daemon_with_its_cause(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -36,10 +36,10 @@ def stepped(way: float, rubbing_n: float = 0.0) -> Recording:
 
 def ramped(
     fading: bool,
-    drift_n_s: float = 0.0,
-    way: float = 1.0,
-    power: float = 1.0,
-    spring_n_m: float = 200.0,
+    drift_n_s: float = 0,
+    way: float = 1,
+    power: float = 1,
+    spring_n_m: float = 200,
     ramps: int = 1,
 ) -> Recording:
     """5 mm in ramps of 4 s, held for 116 s in all; a spring and Maxwell branches of .7, 8 and 60 s, or none,

@@ -45,12 +45,6 @@ def test_an_entry_point_that_is_no_driver_is_named(only: Any, value: str, messag
     assert "\n" not in str(caught.value)
 
 
-def test_a_name_that_nobody_has_lists_those_that_are_installed(only: Any) -> None:  # noqa: ANN401
-    only("forefeel.devices.zaber:STAGE")
-    with pytest.raises(ConfigurationError, match=r"stage\.driver = 'yours': expected one of 'mine'"):
-        checked(SlaveSettings, {"axes": [{"stage": {"driver": "yours"}}]}, "slave.yaml")
-
-
 @pytest.mark.parametrize(
     ("section", "message"),
     [

@@ -1,33 +1,19 @@
 """Models as data, their composition, and effects by name."""
 
-from typing import Any
-
 import pytest
 
 from forefeel.common.causes.candidate import entry
 from forefeel.common.causes.friction import CoulombFriction
 from forefeel.common.causes.model import ContactModel
+from tests.unit.model_samples import effect, mapping, model
 
 DT = 1e-3
 
 
-def mapping(*effects: dict[str, Any]) -> dict[str, Any]:
-    return {"schema": "forefeel.model/1", "name": "test", "effects": list(effects)}
-
-
-def model(*effects: dict[str, Any]) -> ContactModel:
-    return ContactModel.from_mapping(mapping(*effects))
-
-
-CONTACT = {"effect": "contact_loss", "parameters": {"contact_position_m": 0.01}}
-WALL = {
-    "effect": "mass_damper_spring",
-    "parameters": {"mass_kg": 0.01, "damping_n_s_m": 0.5, "stiffness_n_m": 8.0},
-}
-VALVE = {"effect": "coulomb_friction", "parameters": {"force_n": 0.2}}
-RELAXATION = {"effect": "stress_relaxation", "parameters": {"stiffness_n_m": 6.0, "time_constant_s": 0.5}}
-BIAS = {"effect": "bias", "parameters": {"force_n": 0.03}}
-SATURATION = {"effect": "sensor_saturation", "parameters": {"limit_n": 0.25}}
+CONTACT = effect("contact_loss", contact_position_m=0.01)
+WALL = effect("mass_damper_spring", mass_kg=0.01, damping_n_s_m=0.5, stiffness_n_m=8.0)
+VALVE, BIAS = effect("coulomb_friction", force_n=0.2), effect("bias", force_n=0.03)
+RELAXATION = effect("stress_relaxation", stiffness_n_m=6.0, time_constant_s=0.5)
 
 
 def test_the_wall_sees_the_depth_and_the_shaft_the_position() -> None:
@@ -38,10 +24,6 @@ def test_the_wall_sees_the_depth_and_the_shaft_the_position() -> None:
     assert runtime.step(0.0, 0.015, -0.02, 0.0, DT) == pytest.approx(-0.5 * 0.02 + 8.0 * 0.005 - 0.2 + 0.03)
 
 
-def test_without_contact_loss_the_wall_is_always_touched() -> None:
-    assert model(WALL).runtime().step(0.0, 0.009, 0.0, 0.0, DT) == pytest.approx(8.0 * 0.009)
-
-
 def test_losing_contact_forgets_the_state_of_the_wall() -> None:
     runtime = model(CONTACT, RELAXATION).runtime()
     first = runtime.step(0.0, 0.011, 0.02, 0.0, DT)
@@ -50,14 +32,13 @@ def test_losing_contact_forgets_the_state_of_the_wall() -> None:
     assert runtime.step(0.0, 0.011, 0.02, 0.0, DT) == first
 
 
-def test_a_site_can_be_overridden() -> None:
-    at_shaft = model(CONTACT, {**WALL, "site": "shaft"}).runtime()
-    assert at_shaft.step(0.0, 0.009, 0.0, 0.0, DT) == pytest.approx(8.0 * 0.009)
+def test_without_contact_loss_or_at_another_site_it_is_always_touched() -> None:
+    for always in (model(WALL), model(CONTACT, {**WALL, "site": "shaft"})):
+        assert always.runtime().step(0.0, 0.009, 0.0, 0.0, DT) == pytest.approx(8.0 * 0.009)
 
 
 def test_motion_effects_come_before_contact() -> None:
-    play = {"effect": "backlash", "parameters": {"width_m": 0.002}}
-    runtime = model(CONTACT, WALL, play).runtime()
+    runtime = model(CONTACT, WALL, effect("backlash", width_m=0.002)).runtime()
     runtime.step(0.0, 0.0, 0.0, 0.0, DT)
     assert runtime.step(0.0, 0.0105, 0.02, 0.0, DT) == 0.0
     assert runtime.instrument_m == pytest.approx(0.0095)
@@ -65,7 +46,7 @@ def test_motion_effects_come_before_contact() -> None:
 
 
 def test_sensor_effects_come_last_and_leave_the_regressors_alone() -> None:
-    runtime = model(SATURATION, BIAS, VALVE, WALL).runtime()
+    runtime = model(effect("sensor_saturation", limit_n=0.25), BIAS, VALVE, WALL).runtime()
     assert runtime.step(0.0, 0.1, 0.02, 0.0, DT) == 0.25
     assert runtime.regressors(0.0, 0.1, 0.02, 0.0, DT) == [1.0, 1.0, 0.0, 0.0, 0.02, 0.1]
 
@@ -77,8 +58,7 @@ def test_an_instrument_that_is_not_held_leaves_the_sensor_only() -> None:
 
 
 def test_a_new_grip_forgets_the_contact_but_not_the_sensor() -> None:
-    lag = {"effect": "sensor_lag", "parameters": {"time_constant_s": 0.1}}
-    runtime = model(RELAXATION, lag).runtime()
+    runtime = model(RELAXATION, effect("sensor_lag", time_constant_s=0.1)).runtime()
     for _ in range(200):
         loaded = runtime.step(0.0, 0.0, 0.05, 0.0, DT)
     runtime.reset_contact()
@@ -100,56 +80,40 @@ def test_linear_names_number_effects_of_equal_name() -> None:
 
 
 def test_a_mapping_comes_back_with_its_defaults() -> None:
-    short = {"effect": "stress_relaxation", "site": "shaft", "parameters": {"stiffness_n_m": 6.0}}
+    short = effect("stress_relaxation", "shaft", stiffness_n_m=6.0)
     described = model(short, VALVE).to_mapping()
     full = {"stiffness_n_m": 6.0, "time_constant_s": 1.0}
-    assert described == mapping(
-        {**short, "parameters": full},
-        {
-            "effect": "coulomb_friction",
-            "parameters": {
-                "forward_n": 0.2,
-                "backward_n": 0.2,
-                "breakaway_m": 0.0,
-                "transition_speed_m_s": 0.0,
-            },
-        },
-    )
-    assert ContactModel.from_mapping(described) == model(short, VALVE)
+    friction = {"forward_n": 0.2, "backward_n": 0.2, "breakaway_m": 0.0, "transition_speed_m_s": 0.0}
+    assert described == mapping({**short, "parameters": full}, effect("coulomb_friction", **friction))
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("wrong", "place"),
     [
-        (3, "model = 3: expected a mapping"),
-        ({"name": "a", "effects": []}, "model: schema is missing"),
-        ({**mapping(), "schema": "other/1"}, "schema = 'other/1': expected 'forefeel.model/1'"),
-        ({**mapping(), "name": ""}, "name = '': expected a text"),
-        ({**mapping(), "effects": 3}, "effects = 3: expected a list"),
-        ({**mapping(), "more": 1}, "model: unknown key 'more', expected one of schema, name, effects"),
-        (mapping(WALL, {}), "effects[1]: effect is missing"),
-        (mapping({"effect": 4}), "effects[0].effect = 4: expected a text"),
+        (3, "model = 3: "),
+        ({"name": "a", "effects": []}, "model: schema "),
+        ({**mapping(), "schema": "other/1"}, "schema = 'other/1': "),
+        ({**mapping(), "name": ""}, "name = '': "),
+        ({**mapping(), "effects": 3}, "effects = 3: "),
+        ({**mapping(), "more": 1}, "model: unknown key 'more', "),
+        (mapping(WALL, {}), "effects[1]: effect "),
+        (mapping({"effect": 4}), "effects[0].effect = 4: "),
         (mapping({**WALL, "site": "moon"}), "effects[0].site = 'moon': expected one of wall, shaft, sensor"),
+        (mapping({**CONTACT, "site": "wall"}), "effects[0].site = 'wall': contact_loss adds no force, "),
+        (mapping({"effect": "bias", "parameters": 1}), "effects[0].parameters = 1: "),
         (
-            mapping({**CONTACT, "site": "wall"}),
-            "effects[0].site = 'wall': contact_loss adds no force, expected no site",
+            mapping(WALL, VALVE, effect("backlash", width_m=-1)),
+            "effects[2].parameters.width_m = -1: expected ",
         ),
-        (mapping({"effect": "bias", "parameters": 1}), "effects[0].parameters = 1: expected a mapping"),
-        (
-            mapping(WALL, VALVE, {"effect": "backlash", "parameters": {"width_m": -1}}),
-            "effects[2].parameters.width_m = -1: expected a number in [0, 1e+06] m",
-        ),
-        (
-            mapping({"effect": "bias", "parameters": {"width_m": 1}}),
-            "effects[0].parameters.width_m: unknown parameter, expected one of force_n",
-        ),
-        (mapping(CONTACT, WALL, CONTACT), "effects[2].effect: a second contact effect, expected at most one"),
+        (mapping(effect("bias", width_m=1)), "effects[0].parameters.width_m: unknown "),
+        (mapping(CONTACT, WALL, CONTACT), "effects[2].effect: a second contact effect, "),
     ],
 )
-def test_a_wrong_mapping_is_refused_in_one_line_that_names_the_place(wrong: object, message: str) -> None:
+def test_a_wrong_mapping_is_refused_in_one_line_that_names_the_place(wrong: object, place: str) -> None:
     with pytest.raises(ValueError) as caught:
         ContactModel.from_mapping(wrong)
-    assert str(caught.value) == message
+    assert str(caught.value).startswith(place)
+    assert "\n" not in str(caught.value)
 
 
 def test_entry_spells_out_a_shorthand_beside_a_parameter() -> None:

@@ -4,24 +4,15 @@ import tomllib
 from collections.abc import Callable, Iterator
 from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from forefeel.common.causes import registry
-from forefeel.common.causes.base import (
-    ContactEffect,
-    Effect,
-    ForceEffect,
-    MotionEffect,
-    Parameter,
-    SensorEffect,
-)
+from forefeel.common.causes import base, registry
 from forefeel.common.causes.candidate import Fitted
 from forefeel.common.causes.catalogue import CANDIDATES, refresh
-from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.motion import Kinematics, Memory, Motion, MotionSample, Value
 from forefeel.common.error_size import Floats
 from forefeel.common.estimation.contact_model import Causes
@@ -33,6 +24,7 @@ from forefeel.diagnosis.search import Search
 from forefeel.diagnosis.signals import Signals
 from forefeel.results.curves import Curves
 from forefeel.results.pictures import picture
+from tests.unit.model_samples import effect, model
 
 EXAMPLE = Path(__file__).parents[2] / "docs" / "examples" / "effect-package"
 GROUP = "forefeel.effects"
@@ -72,20 +64,20 @@ def example() -> tuple[str, str]:
     return name, value
 
 
-SIZE: tuple[Parameter, ...] = (Parameter("size_n", "N", 0.0, -1.0, 1.0),)
+SIZE: tuple[base.Parameter, ...] = (base.Parameter("size_n", "N", 0.0, -1.0, 1.0),)
 
 
-class Good(ForceEffect):
+class Good(base.ForceEffect):
     name = "good"
     site = "shaft"
-    parameters: ClassVar[tuple[Parameter, ...]] = SIZE
+    parameters: ClassVar[tuple[base.Parameter, ...]] = SIZE
     reference = "test"
 
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:
         return (m.x,)
 
 
-class Abstract(ForceEffect):
+class Abstract(base.ForceEffect):
     name = "abstract"
     site = "shaft"
     parameters = SIZE
@@ -113,10 +105,10 @@ class Siteless(Good):
 
 class Unbounded(Good):
     name = "unbounded"
-    parameters = (Parameter("size_n", "N", 0.0, -1.0, float("inf")),)
+    parameters = (base.Parameter("size_n", "N", 0.0, -1.0, float("inf")),)
 
 
-class GoodMotion(MotionEffect):
+class GoodMotion(base.MotionEffect):
     name = "good_motion"
     parameters = ()
     reference = "test"
@@ -125,7 +117,7 @@ class GoodMotion(MotionEffect):
         return m.along(2.0 * m.x, 2.0 * m.v, 2.0 * m.a)
 
 
-class GoodContact(ContactEffect):
+class GoodContact(base.ContactEffect):
     name = "good_contact"
     parameters = ()
     reference = "test"
@@ -134,7 +126,7 @@ class GoodContact(ContactEffect):
         return m.depth, m.above(m.x)
 
 
-class GoodSensor(SensorEffect):
+class GoodSensor(base.SensorEffect):
     name = "good_sensor"
     parameters = ()
     reference = "test"
@@ -159,10 +151,6 @@ class Integral(Good):
         return (m.through(self.distance, m.elementwise(lambda v, dt: abs(v) * dt, m.v, m.dt)),)
 
 
-def raises() -> Any:  # noqa: ANN401
-    """Not an effect."""
-
-
 def test_a_memory_of_its_own_needs_no_more_than_its_step() -> None:
     effect, again, t, v = Integral(), Integral(), np.array([1.0, 2.0, 4.0]), np.array([3.0, 1.0, -2.0])
     motion = Motion.of(t, v, v, v)
@@ -176,17 +164,16 @@ def test_a_memory_of_its_own_needs_no_more_than_its_step() -> None:
 
 @pytest.mark.parametrize("kind", [Good, GoodMotion, GoodContact, GoodSensor, Integral])
 def test_every_kind_of_effect_can_be_added_with_no_more_than_it_needs(
-    install: Install, kind: type[Effect]
+    install: Install, kind: type[base.Effect]
 ) -> None:
     install((kind.name, f"{__name__}:{kind.__name__}"))
     assert registry.effect_class(kind.name) is kind
-    effects = [{"effect": kind.name}, {"effect": "bias", "parameters": {"force_n": 0.1}}]
-    model = ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "any", "effects": effects})
+    both = model(effect(kind.name), effect("bias", force_n=0.1))
     x = np.array([0.0, 0.1, -0.1])
     steps = zip(x.tolist(), [0.0, 0.1, -0.2], strict=True)
-    runtime = model.runtime()
+    runtime = both.runtime()
     one_by_one = [runtime.step(at, at, at, at, dt) for at, dt in steps]
-    np.testing.assert_allclose(model.runtime().forces_n(Motion.of(x, x, x, x)), one_by_one)
+    np.testing.assert_allclose(both.runtime().forces_n(Motion.of(x, x, x, x)), one_by_one)
 
 
 @pytest.mark.parametrize(
@@ -194,17 +181,13 @@ def test_every_kind_of_effect_can_be_added_with_no_more_than_it_needs(
     [
         ("gone", "no_such_module:Gone", "can not be loaded, ModuleNotFoundError: No module named"),
         ("gone", f"{__name__}:Gone", "can not be loaded, AttributeError: "),
-        ("raises", f"{__name__}:raises", "expected a class of forefeel.common.causes.base: ForceEffect"),
+        ("raises", "pathlib:Path", "expected a class of forefeel.common.causes.base: ForceEffect"),
         ("better", f"{__name__}:Good", "expected an effect named better, its name is 'good'"),
         ("abstract", f"{__name__}:Abstract", "lacks regressors"),
         ("branching", f"{__name__}:Branching", f"{FAILS} ValueError: The truth value of an array"),
         ("siteless", f"{__name__}:Siteless", "expected a site, one of wall, shaft, sensor"),
         ("unbounded", f"{__name__}:Unbounded", "size_n: expected finite bounds around its default 0.0"),
-        (
-            "two_regressors",
-            f"{__name__}:TwoRegressors",
-            f"{FAILS} ValueError: (0.01, 0.02, 0.5, 0.02, 0.01,",
-        ),
+        ("two_regressors", f"{__name__}:TwoRegressors", f"{FAILS} ValueError: (0.01, 0.02, 0.5, 0.02, 0.01,"),
     ],
 )
 def test_a_bad_plugin_is_one_line_that_names_it(
@@ -212,9 +195,7 @@ def test_a_bad_plugin_is_one_line_that_names_it(
 ) -> None:
     install((name, target))
     with pytest.raises(ValueError) as caught:
-        ContactModel.from_mapping(
-            {"schema": "forefeel.model/1", "name": "any", "effects": [{"effect": name}]}
-        )
+        model(effect(name))
     assert str(caught.value).startswith(
         f"effects[0].effect: entry point forefeel.effects:{name} = {target}: {message}"
     )
@@ -233,9 +214,6 @@ def test_a_bad_plugin_does_not_disturb_the_others(install: Install) -> None:
     assert registry.effect_class("good") is Good
     assert registry.effect_class("bias") is registry.OWN["bias"]
     assert {"gone", "good"} <= set(registry.effect_names())
-
-
-# --- in a diagnosis ---
 
 
 def _rippled(seconds: float = 12.0) -> tuple[Recording, Floats]:
@@ -263,14 +241,14 @@ def test_a_cause_of_the_example_package_is_named_drawn_and_loaded_and_without_it
     assert cause.parameters["sine_n"].value == pytest.approx(SINE_N, rel=0.1)
     assert cause.parameters["cosine_n"].value == pytest.approx(COSINE_N, rel=0.1)
     assert "ripple" in cause.evidence.fingerprint
-    model = extended_model(found.analysis, "motor")
-    assert [entry.effect for entry in model.effects] == ["mass_damper_spring", "cogging"]
+    extended = extended_model(found.analysis, "motor")
+    assert [entry.effect for entry in extended.effects] == ["mass_damper_spring", "cogging"]
     x, t = recording.position_m, recording.time_s
     v = np.gradient(x, t)
-    said = model.runtime().forces_n(Motion.of(t, x, v, np.gradient(v, t)))
+    said = extended.runtime().forces_n(Motion.of(t, x, v, np.gradient(v, t)))
     assert np.std((said - force)[100:-100]) < 2e-3
     assert picture(Curves.of(found.analysis, None), "cogging").title == "Over the position"
-    prior = Causes(model).with_loaded(None)
+    prior = Causes(extended).with_loaded(None)
     assert prior is not None and prior.values[prior.names.index("cogging.sine_n")] == pytest.approx(
         cause.parameters["sine_n"].value
     )
@@ -282,30 +260,21 @@ def test_a_cause_of_the_example_package_is_named_drawn_and_loaded_and_without_it
     assert "cogging" not in CANDIDATES
 
 
-class Threshold(ForceEffect):
+class Threshold(base.ForceEffect):
     """A smoothed step of the force at a position that may have either sign."""
 
     name = "threshold"
     site = "shaft"
     parameters = (
-        Parameter("step_n", "N", 0.0, 0.0, 10.0),
-        Parameter("position_m", "m", 0.0, -1.0, 1.0, linear=False),
-        Parameter("width_m", "m", 1e-3, 1e-5, 1e-1, linear=False),
+        base.Parameter("step_n", "N", 0.0, 0.0, 10.0),
+        base.Parameter("position_m", "m", 0.0, -1.0, 1.0, linear=False),
+        base.Parameter("width_m", "m", 1e-3, 1e-5, 1e-1, linear=False),
     )
     reference = "test"
 
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:
         depth = (m.x - self.values["position_m"]) / self.values["width_m"]
         return (2.0 / (1.0 + m.exp(-2.0 * m.clip(depth, -50.0, 50.0))) - 1.0,)
-
-
-class Turned(MotionEffect):
-    name = "turned"
-    parameters = ()
-    reference = "test"
-
-    def moved(self, m: Kinematics) -> Kinematics:
-        return m.along(-m.x, -m.v, -m.a)
 
 
 def test_two_shapes_one_of_either_sign_are_searched_and_named(install: Install) -> None:
@@ -331,10 +300,10 @@ def test_two_shapes_one_of_either_sign_are_searched_and_named(install: Install) 
 
 
 def test_what_can_not_be_searched_is_said_and_breaks_nothing(install: Install) -> None:
-    install(("turned", f"{__name__}:Turned"), ("missing", f"{__name__}:Missing"))
+    install(("good_motion", f"{__name__}:GoodMotion"), ("missing", f"{__name__}:Missing"))
     lines: list[str] = []
     known = set(CANDIDATES)
     refresh(lines.append)
     assert set(CANDIDATES) == known
-    assert any("turned adds no force" in line for line in lines)
+    assert any("good_motion adds no force" in line for line in lines)
     assert any("missing" in line and "can not be loaded" in line for line in lines)

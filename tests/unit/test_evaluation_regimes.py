@@ -2,28 +2,21 @@ import numpy as np
 import pytest
 
 from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.evaluation.evaluate import notes
 from forefeel.diagnosis.evaluation.regimes import REGIMES, RegimeScore, by_regime, regimes
-from tests.unit.evaluation_samples import recording
+from tests.unit.evaluation_samples import Floats, made_up, recording
 
 RATE_HZ = 1000.0
 PARTS = (
+    ("rest", 1.0), ("forward", 2.0), ("backward", 2.0), ("short stop", 0.15), ("backward", 1.0),
     ("rest", 1.0),
-    ("forward", 2.0),
-    ("backward", 2.0),
-    ("short stop", 0.15),
-    ("backward", 1.0),
-    ("rest", 1.0),
-)
+)  # fmt: skip
 """What the operator does, and for how many s."""
 SPEED_M_S = {"rest": 0.0, "short stop": 0.0, "forward": 0.01, "backward": -0.01}
 EXPECTED = (
-    ("rest", 0.0, 1.0),
-    ("onset", 1.0, 1.3),
-    ("cruise", 1.3, 3.0),
-    ("reversal", 3.0, 3.3),
-    ("cruise", 3.3, 6.15),
-    ("rest", 6.15, 7.15),
-)
+    ("rest", 0.0, 1.0), ("onset", 1.0, 1.3), ("cruise", 1.3, 3.0),
+    ("reversal", 3.0, 3.3), ("cruise", 3.3, 6.15), ("rest", 6.15, 7.15),
+)  # fmt: skip
 BLUR_S = 0.03  # that of a difference over 50 ms
 
 
@@ -90,3 +83,26 @@ def test_regimes_share_the_scored_samples_and_the_squared_error() -> None:
     assert whole("zoh_rms_n") == pytest.approx(np.mean((zoh_n - force_n)[rows] ** 2), rel=1e-12)
     assert whole("forefeel_rms_n") == pytest.approx(np.mean((forefeel_n - force_n)[rows] ** 2), rel=1e-12)
     assert scores["onset"] == RegimeScore(0.0)  # it is over before the first scored sample
+
+
+# --- notes ---
+
+
+def said(time_s: Floats, position_m: Floats) -> str:
+    return "; ".join(notes(recording(time_s, position_m, np.zeros(len(time_s)))))
+
+
+def test_uneven_sampling_is_said_with_its_spread() -> None:
+    time_s = np.arange(2000, dtype=np.float64) * 0.005
+    time_s[1::2] += 0.001  # periods of 6 and 4 ms in turn
+    text = said(time_s, 0.01 * np.sin(time_s))
+    assert "not sampled uniformly" in text
+    assert "4 to 6 ms" in text
+
+
+def test_gaps_are_counted_and_placed() -> None:
+    sample = made_up(gap_s=0.4)
+    assert "1 gap over 0.1 s, not bridged: 0.41 s at 3.99 s" in "; ".join(notes(sample))
+    time_s = np.concatenate([np.arange(0, 1, 0.01) + 2 * k for k in range(8)])
+    assert "7 gaps" in said(time_s, np.sin(time_s))
+    assert "and 2 more" in said(time_s, np.sin(time_s))

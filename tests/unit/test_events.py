@@ -5,22 +5,15 @@ from typing import Any
 
 import pytest
 
+from forefeel.common import topics
 from forefeel.common.bus import Bus
 from forefeel.common.clock import VirtualClock
 from forefeel.common.events.axis import EventCoalescer
 from forefeel.common.events.console import Notices, tell_notices
 from forefeel.common.events.sink import NULL_EVENT_SINK
-from forefeel.common.events.text import event_text, gap, is_long_round_trip, long_round_trip, span
+from forefeel.common.events.text import event_text, gap, span
 from forefeel.common.limiter import LimitHit
 from forefeel.common.messages import Message
-from forefeel.common.topics import (
-    EMERGENCY_STOP,
-    LIMIT_EVENT,
-    MASTER_EVENT,
-    MASTER_LIMIT,
-    SAFETY_EVENT,
-    SLAVE_STATE,
-)
 from forefeel.common.transport.memory import MemoryBus
 from forefeel.master.events import MasterEvents
 from tests.messages import usual
@@ -53,25 +46,32 @@ def test_the_first_of_a_key_is_told_at_once_then_the_first_of_each_interval_with
 
 def test_an_end_that_was_silent_between_two_states_is_told_by_its_own_clock() -> None:
     stamps_ms = [*range(0, 1000, 20), 1480, 3480, 3500]
-    states = [None, *(usual(SLAVE_STATE, stamp_ns=ms * MS) for ms in stamps_ms)]
-    told = [gap(SLAVE_STATE, before, state) for before, state in pairwise(states) if state is not None]
+    states = [None, *(usual(topics.SLAVE_STATE, stamp_ns=ms * MS) for ms in stamps_ms)]
+    told = [gap(topics.SLAVE_STATE, before, state) for before, state in pairwise(states) if state is not None]
     assert {i: text for i, text in enumerate(told) if text} == {
         stamps_ms.index(3480): f"slave was silent for {span(2.0)}"
     }
-    assert gap(EMERGENCY_STOP, usual(EMERGENCY_STOP, stamp_ns=0), usual(EMERGENCY_STOP, stamp_ns=S)) == ""
+    assert (
+        gap(
+            topics.EMERGENCY_STOP,
+            usual(topics.EMERGENCY_STOP, stamp_ns=0),
+            usual(topics.EMERGENCY_STOP, stamp_ns=S),
+        )
+        == ""
+    )
 
 
 @pytest.mark.parametrize(
     ("event", "words"),
     [
-        (usual(SAFETY_EVENT, reason="no command"), ("armed -> stopping", "watchdog", "no command")),
-        (usual(LIMIT_EVENT, count=3), ("velocity", "300 mm/s", "200 mm/s", "3 times")),
+        (usual(topics.SAFETY_EVENT, reason="no command"), ("armed -> stopping", "watchdog", "no command")),
+        (usual(topics.LIMIT_EVENT, count=3), ("velocity", "300 mm/s", "200 mm/s", "3 times")),
         (
-            usual(LIMIT_EVENT, rule="round_trip", requested=0.812, applied=0.7, unit="s"),
+            usual(topics.LIMIT_EVENT, rule="round_trip", requested=0.812, applied=0.7, unit="s"),
             ("812 ms", "700 ms"),
         ),
-        (usual(EMERGENCY_STOP, source="x"), ("emergency stop", "x", "pressed")),
-        (usual(SLAVE_STATE), ()),
+        (usual(topics.EMERGENCY_STOP, source="x"), ("emergency stop", "x", "pressed")),
+        (usual(topics.SLAVE_STATE), ()),
     ],
 )
 def test_event_text_has_its_figures(event: Message, words: tuple[str, ...]) -> None:
@@ -83,11 +83,6 @@ def test_event_text_has_its_figures(event: Message, words: tuple[str, ...]) -> N
 def test_span_has_the_unit_of_its_size() -> None:
     assert [span(s).split()[-1] for s in (-1, 48.9, 125, 4020)] == ["s", "s", "s", "min"]
     assert span(125).startswith("2 min 05") and span(4020).startswith("1 h 07")
-
-
-def test_long_round_trip_is_known_by_its_words() -> None:
-    assert is_long_round_trip(long_round_trip(0.812, 0.7))
-    assert not is_long_round_trip("ramp done")
 
 
 # --- console ---
@@ -135,7 +130,9 @@ def test_a_change_of_how_the_master_stands_is_one_event() -> None:
     rig.events.publish_status("in_session", "accepted", 7, 50 * MS)
     rig.events.publish_status("in_session", "accepted", 7, 100 * MS)
     rig.events.publish_status("handle_fault", "x" * 1000, 7, 150 * MS)
-    told = [(t.before, t.event, t.after, len(t.reason), t.session_id) for t in rig.messages(MASTER_EVENT)]
+    told = [
+        (t.before, t.event, t.after, len(t.reason), t.session_id) for t in rig.messages(topics.MASTER_EVENT)
+    ]
     assert told == [
         ("no_session", "session_opened", "in_session", 8, 7),
         ("in_session", "handle_fault", "handle_fault", 256, 7),
@@ -147,7 +144,7 @@ def test_limits_of_the_force_are_published_with_their_count() -> None:
     for tick in range(1000):
         rig.events.limit(LimitHit("rendered_force", 9.0, 4.0, "N"))
         rig.events.publish(1, tick * MS, last=tick == 999)
-    limits = rig.messages(MASTER_LIMIT)
+    limits = rig.messages(topics.MASTER_LIMIT)
     assert len(limits) == 11
     assert sum(event.count for event in limits) == 1000 == rig.events.counts()["force_limited"]
     assert limits[0].model_dump(include=set(LimitHit._fields)) == {
@@ -158,13 +155,15 @@ def test_limits_of_the_force_are_published_with_their_count() -> None:
 def test_the_slaves_limits_are_counted_by_rule_and_its_transitions_told_each_once() -> None:
     rig = Rig()
     for rule, count in (("force", 3), ("force", 4), ("late", 5)):
-        rig.send(LIMIT_EVENT, rig.say(LIMIT_EVENT, 1, rule=rule, count=count))  # doubled on the way
+        rig.send(
+            topics.LIMIT_EVENT, rig.say(topics.LIMIT_EVENT, 1, rule=rule, count=count)
+        )  # doubled on the way
     moved: dict[str, Any] = {"before": "ready", "event": "engage", "after": "engaging", "reason": "pressed"}
     for _ in range(2):
-        rig.send(SAFETY_EVENT, rig.say(SAFETY_EVENT, 1, **moved))
+        rig.send(topics.SAFETY_EVENT, rig.say(topics.SAFETY_EVENT, 1, **moved))
     for _ in range(8):
         rig.clock.set_ns(rig.now_ns + S)
-        rig.say(LIMIT_EVENT, 1, rule="round_trip", requested=0.812, applied=0.7, unit="s", count=9)
+        rig.say(topics.LIMIT_EVENT, 1, rule="round_trip", requested=0.812, applied=0.7, unit="s", count=9)
     slow = ["slave not armed: round trip 812 ms, limit 700 ms"] * 2  # in 8 s, every 5 s
     assert rig.events.counts() == {
         "limit_force": 7, "limit_late": 5, "limit_round_trip": 72, "force_limited": 0,

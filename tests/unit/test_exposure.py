@@ -16,15 +16,10 @@ ENDPOINTS = {
 }
 KINDS = [(), *((kind,) for kind in ENDPOINTS), *product(ENDPOINTS, repeat=2)]
 FLAGS = [False, True]
+Kinds = tuple[tuple[str, str], ...]
 
 
-def expected(
-    listen: tuple[tuple[str, str], ...],
-    connect: tuple[tuple[str, str], ...],
-    secured: bool,
-    insecure: bool,
-    real: bool,
-) -> str:
+def expected(listen: Kinds, connect: Kinds, secured: bool, insecure: bool, real: bool) -> str:
     """`quiet`, `loud` or `refused`, from the words of the rule."""
     protocols = {protocol for _, protocol in listen}
     if len(protocols) == 2 or (secured and "plain" in protocols | {protocol for _, protocol in connect}):
@@ -36,13 +31,7 @@ def expected(
     return "loud" if insecure and not real else "refused"
 
 
-def found(
-    listen: tuple[tuple[str, str], ...],
-    connect: tuple[tuple[str, str], ...],
-    secured: bool,
-    insecure: bool,
-    real: bool,
-) -> str:
+def found(listen: Kinds, connect: Kinds, secured: bool, insecure: bool, real: bool) -> str:
     endpoints = [[ENDPOINTS[kind] for kind in kinds] for kinds in (listen, connect)]
     try:
         line = check_exposure(*endpoints, secured=secured, insecure=insecure, real_stage=real)
@@ -89,16 +78,7 @@ def test_an_endpoint_can_not_undo_the_security_that_was_configured(options: str)
     assert check_exposure(allowed, [], secured=True, insecure=False, real_stage=True) == ""
 
 
-@pytest.mark.parametrize(
-    "endpoint",
-    [
-        "tcp/127.0.0.1:7447",
-        "tls/localhost:7447",
-        "udp/0.0.0.0:1?rel=0",
-        "quic/[::1]:65535#dscp=0x08",
-        "tcp/[::]:7447?prio=1-3;rel=1#iface=lo",
-    ],
-)
+@pytest.mark.parametrize("endpoint", ["udp/0.0.0.0:1?rel=0", "quic/[::1]:65535#dscp=0x08", *HERE])
 def test_good_endpoints(endpoint: str) -> None:
     check_endpoint(endpoint)
 

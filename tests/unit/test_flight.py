@@ -36,9 +36,6 @@ def row(stamp_ns: int, force_n: float = 0.5) -> Row:
     )
 
 
-# --- in memory ---
-
-
 def test_a_ring_holds_what_a_record_needs_and_no_more() -> None:
     ring = Rings().ring(CYCLES)
     for tick in range(100_000):
@@ -74,9 +71,6 @@ def test_a_flood_on_one_topic_washes_out_no_other_and_is_bounded() -> None:
         rings.ring(STOPS).add((number, b"x"))
     assert rings.ring(FORCES).between(0, 2) == [(1, b"kept")]
     assert len(rings.ring(STOPS).between(0, 50_000)) <= 256
-
-
-# --- on the disk ---
 
 
 class Recorder:
@@ -145,26 +139,23 @@ def test_one_a_second_at_most_and_the_newest_are_kept(recorder: Recorder) -> Non
     assert [path.name for path in recorder.files()] == sorted(names)[-3:]
 
 
-def test_a_full_disk_leaves_no_half_record_and_is_said(
-    recorder: Recorder, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ("place", "error"),
+    [
+        ("recording.mcap_writer.os.fsync", OSError(errno.ENOSPC, "No space left on device")),
+        ("state.flight_writer.RunWriter", ValueError("no such number")),
+    ],
+)
+def test_a_record_that_fails_leaves_no_half_is_said_and_costs_no_other(
+    recorder: Recorder, monkeypatch: pytest.MonkeyPatch, place: str, error: Exception
 ) -> None:
-    full = OSError(errno.ENOSPC, "No space left on device")
-    monkeypatch.setattr("forefeel.common.recording.mcap_writer.os.fsync", refusing(full))
-    recorder.writer.ask("insertion", "fault", "x", recorder.now_ns)
-    recorder.writer.close()
-    assert recorder.noted_events() == ["flight_failed"]
-    assert "No space left" in recorder.noted[0][1]["what"]
-    assert recorder.files() == []
-
-
-def test_failed_record_costs_no_other(recorder: Recorder, monkeypatch: pytest.MonkeyPatch) -> None:
     recorder.writer.ask("insertion", "watchdog", "x", recorder.now_ns)
     recorder.clock.set_ns(recorder.now_ns + S)
     with monkeypatch.context() as broken:
-        broken.setattr(
-            "forefeel.common.state.flight_writer.RunWriter", refusing(ValueError("no such number"))
-        )
+        broken.setattr(f"forefeel.common.{place}", refusing(error))
         recorder.writer.write(closing=False)
+    assert str(error.args[-1]) in recorder.noted[0][1]["what"]
+    assert recorder.files() == []
     recorder.writer.ask("insertion", "fault", "x", recorder.now_ns + S)
     recorder.writer.close()
     assert recorder.noted_events() == ["flight_failed", "flight_record"]

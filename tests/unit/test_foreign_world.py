@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 import yaml
 
-from forefeel.common.causes.model import SCHEMA
 from forefeel.common.errors import ConfigurationError, DeviceError
 from forefeel.common.hardware import driver
 from forefeel.common.hardware.driver import SLOTS, Driver, installed_driver
@@ -25,6 +24,7 @@ from forefeel.report.summary import summarise
 from forefeel.slave.plant.foreign import WorldDriverSettings
 from forefeel.slave.plant.settings import world_settings
 from forefeel.slave.plant.world import SimulatedWorld
+from tests.unit.model_samples import effect, mapping
 
 MS = 1_000_000
 STIFFNESS_N_M = 40.0
@@ -86,24 +86,14 @@ def readings(mapping: dict[str, Any]) -> list[float]:
     return forces
 
 
-def contact(*effects: tuple[str, dict[str, float]]) -> dict[str, Any]:
-    listed = [{"effect": name, "parameters": values} for name, values in effects]
-    return {"schema": SCHEMA, "name": "ours", "effects": listed}
+OURS = mapping(effect("mass_damper_spring", mass_kg=0.0, damping_n_s_m=0.0, stiffness_n_m=STIFFNESS_N_M))
+RUBS = mapping(effect("coulomb_friction", force_n=0.1))
 
 
-OURS = "mass_damper_spring", {"mass_kg": 0.0, "damping_n_s_m": 0.0, "stiffness_n_m": STIFFNESS_N_M}
-RUBS = "coulomb_friction", {"force_n": 0.1}
-
-
-def test_a_spring_of_others_is_our_spring() -> None:
-    world = {"driver": "spring"}
-    assert readings({"world": world}) == pytest.approx(readings({"contact": contact(OURS)}), abs=1e-9)
-
-
-def test_what_is_hidden_acts_beside_the_world_of_others() -> None:
-    hidden = {"effects": contact(RUBS), "from_s": 0.3}
+def test_a_spring_of_others_is_our_spring_and_what_is_hidden_acts_beside_it() -> None:
+    hidden = {"effects": RUBS, "from_s": 0.3}
     theirs = readings({"world": {"driver": "spring"}, "hidden": hidden})
-    assert theirs == pytest.approx(readings({"contact": contact(OURS), "hidden": hidden}), abs=1e-9)
+    assert theirs == pytest.approx(readings({"contact": OURS, "hidden": hidden}), abs=1e-9)
     assert theirs[-1] - readings({"world": {"driver": "spring"}})[-1] == pytest.approx(0.1, abs=1e-3)
 
 
@@ -133,15 +123,15 @@ def loopback(tmp_path: Path, duration_s: float, **world: object) -> VirtualLoopb
     return loop
 
 
-def shapes(tmp_path: Path, points: int) -> list[tuple[InstrumentShape, float]]:
-    """Shapes of 2 s, each with the readback of its moment."""
-    loop = loopback(tmp_path, 2.0, points=points)
+def shapes(tmp_path: Path, points: int, duration_s: float = 0.5) -> list[tuple[InstrumentShape, float]]:
+    """Shapes, each with the readback of its moment."""
+    loop = loopback(tmp_path, duration_s, points=points)
     at_m = {m.stamp_ns: m.position_m for _, m, _ in loop.messages if isinstance(m, ForceSample)}
     return [(m, at_m[m.stamp_ns]) for _, m, _ in loop.messages if isinstance(m, InstrumentShape)]
 
 
 def test_shape_of_the_instrument_is_published_at_20_hz(tmp_path: Path) -> None:
-    heard = shapes(tmp_path, points=5)
+    heard = shapes(tmp_path, 5, 2.0)
     assert {later.stamp_ns - m.stamp_ns for (m, _), (later, _) in pairwise(heard)} == {50 * MS}
     assert len(heard) in range(40, 50)
     inserted_m = heard[0][0].x_m[-1] - heard[0][1]
@@ -164,10 +154,12 @@ def test_world_without_a_shape_publishes_none(tmp_path: Path) -> None:
     assert shapes(tmp_path, points=0) == []
 
 
-@pytest.mark.parametrize("force_n", [0.015, 0.1])
-def test_reversed_force_of_a_world_is_a_fault_that_the_report_says(tmp_path: Path, force_n: float) -> None:
+@pytest.mark.parametrize(("force_n", "duration_s"), [(0.1, 2.0), (0.015, 8.0)])
+def test_reversed_force_of_a_world_is_a_fault_that_the_report_says(
+    tmp_path: Path, force_n: float, duration_s: float
+) -> None:
     """One that shows in the first contact, and one that is too small for that."""
-    loopback(tmp_path, 10.0, friction_n=force_n, force_sign=-1).write(tmp_path / "run.mcap")
+    loopback(tmp_path, duration_s, friction_n=force_n, force_sign=-1).write(tmp_path / "run.mcap")
     report = summarise(Run(tmp_path / "run.mcap"))
     (line,) = amber_lines(report)
     assert line.endswith("its sign is wrong; change simulation.world.force_sign.")
@@ -176,7 +168,7 @@ def test_reversed_force_of_a_world_is_a_fault_that_the_report_says(tmp_path: Pat
 
 
 def test_force_of_a_world_that_resists_is_none(tmp_path: Path) -> None:
-    loopback(tmp_path, 10.0, friction_n=0.015).write(tmp_path / "run.mcap")
+    loopback(tmp_path, 8.0, friction_n=0.015).write(tmp_path / "run.mcap")
     report = summarise(Run(tmp_path / "run.mcap"))
     assert (amber_lines(report), report.stops) == ([], 0)
     assert report.armed_share == 1.0

@@ -24,6 +24,7 @@ from forefeel.diagnosis.evaluation.score import completed
 from forefeel.diagnosis.extended_model import extended_model, simulated_n
 from forefeel.results.verdict_text import answer
 from tests.unit.diagnosis_samples import made
+from tests.unit.model_samples import effect, model
 
 Floats = NDArray[np.float64]
 _T_S = np.arange(200) / 50.0
@@ -122,16 +123,14 @@ def test_a_column_that_does_nothing_is_not_named() -> None:
 
 
 def test_its_model_needs_the_column() -> None:
-    model = extended_model(_weighed().analysis, "roll")
-    assert model.columns == ("roll_rad",)
-    assert ContactModel.from_mapping(model.to_mapping()) == model
-    bare = made()
-    gained = simulated_n(model, _with_roll(bare, 0.0)) - simulated_n(
-        ContactModel("plain", tuple(e for e in model.effects if not e.column)), bare
-    )
+    rolls = extended_model(_weighed().analysis, "roll")
+    assert rolls.columns == ("roll_rad",)
+    assert ContactModel.from_mapping(rolls.to_mapping()) == rolls
+    bare, plain = made(), ContactModel("plain", tuple(e for e in rolls.effects if not e.column))
+    gained = simulated_n(rolls, _with_roll(bare, 0.0)) - simulated_n(plain, bare)
     assert np.std(gained - _WEIGHT_N * np.sin(_rolled(bare) + 0.5)) < 3e-3
     with pytest.raises(ConfigurationError, match=r"no column 'roll_rad', expected the one that model 'roll'"):
-        simulated_n(model, bare)
+        simulated_n(rolls, bare)
     with pytest.raises(RecordingError, match=r"no column 'roll_rad', expected the one that the"):
         confirm(_weighed(), bare)
 
@@ -139,23 +138,17 @@ def test_its_model_needs_the_column() -> None:
 @pytest.mark.parametrize("entry", [{"effect": "bias", "column": "roll"}, {"effect": "with_column"}])
 def test_a_model_says_which_column_and_only_where_there_is_one(entry: dict[str, str]) -> None:
     with pytest.raises(ValueError, match=r"effects\[0\].column = .*: expected"):
-        ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "m", "effects": [entry]})
+        model(entry)
 
 
 def test_the_predictor_follows_the_column_of_its_model_and_learns_its_size() -> None:
     sine_n, cosine_n = _WEIGHT_N * np.cos(0.5), _WEIGHT_N * np.sin(0.5)
     holder = {"sine_n": 0.8 * sine_n, "cosine_n": 0.8 * cosine_n}
-    effects = [
-        {"effect": "mass_damper_spring", "parameters": {"damping_n_s_m": 0.8, "stiffness_n_m": 40.0}},
-        {"effect": "with_column", "column": "roll_rad", "parameters": holder},
-    ]
-    models = [
-        ContactModel.from_mapping({"schema": "forefeel.model/1", "name": "m", "effects": some})
-        for some in (effects, effects[:1])
-    ]
+    wall = effect("mass_damper_spring", damping_n_s_m=0.8, stiffness_n_m=40.0)
+    models = model(wall, {**effect("with_column", **holder), "column": "roll_rad"}), model(wall)
     rolled, link, error_n, predictors = _with_roll(made(), _WEIGHT_N), DelayedLink(0.3), [], []
-    for model in models:
-        prepared, predictor = prepare(rolled, link, model), Predictor(model)
+    for known in models:
+        prepared, predictor = prepare(rolled, link, known), Predictor(known)
         predicted_n = completed(replay(rolled, prepared.arrivals, predictor), prepared.zoh)
         error_n.append(np.std((predicted_n - prepared.force_n)[prepared.rows]))
         predictors.append(predictor)

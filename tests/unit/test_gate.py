@@ -38,18 +38,8 @@ def stream(gate: CommandGate, count: int, first: int = 1, start_ns: int = S, del
     return start_ns + count * MS
 
 
-# --- session ---
-
-
 def test_before_a_session_nothing_is_admitted() -> None:
     assert rule(CommandGate(LIMITS).admit(command(1, S), S, None)) == "session"
-
-
-@pytest.mark.parametrize("session_id", [0, SESSION + 1, 2**63 - 1])
-def test_commands_of_another_session_are_refused_and_move_nothing(session_id: int) -> None:
-    gate = opened()
-    assert rule(gate.admit(command(500, S, session_id=session_id), S, None)) == "session"
-    assert gate.admit(command(1, S), S, None) is None
 
 
 def test_a_new_session_starts_its_sequence_and_its_base_afresh_and_ends_the_old_one() -> None:
@@ -60,17 +50,10 @@ def test_a_new_session_starts_its_sequence_and_its_base_afresh_and_ends_the_old_
     assert gate.admit(command(1, 9 * S, session_id=SESSION + 1), 2 * S, None) is None
 
 
-# --- sequence ---
-
-
 def test_the_sequence_rises_strictly_and_may_have_holes() -> None:
     gate = opened()
-    got = [rule(gate.admit(command(sequence, S), S, None)) for sequence in (1, 2, 2, 1, 5, 4, 3, 6)]
-    assert got == [None, None, "sequence", "sequence", None, "sequence", "sequence", None]
-
-
-def test_sequence_zero_is_never_admitted() -> None:
-    assert rule(opened().admit(command(0, S), S, None)) == "sequence"
+    got = [rule(gate.admit(command(sequence, S), S, None)) for sequence in (0, 1, 2, 2, 1, 5, 4, 6)]
+    assert got == ["sequence", None, None, "sequence", "sequence", None, "sequence", None]
 
 
 def test_a_refusal_says_what_was_asked_and_what_the_limit_is() -> None:
@@ -83,41 +66,12 @@ def test_a_refusal_says_what_was_asked_and_what_the_limit_is() -> None:
     assert (late.requested, late.limit) == pytest.approx((0.240, 0.100))
 
 
-# --- age ---
-
-
 def test_the_age_limit_counts_from_the_fastest_path_of_the_session() -> None:
     gate = opened()
     stream(gate, 10)
     at_limit_ns = 2 * S + 110 * MS
     assert rule(gate.admit(command(11, 2 * S), at_limit_ns + 1, CLOCK)) == "late"
     assert gate.admit(command(11, 2 * S), at_limit_ns, CLOCK) is None
-
-
-@pytest.mark.parametrize("stall_ns", [150 * MS, 2 * S, 10 * S])
-def test_of_the_burst_after_a_stall_nothing_older_than_the_limit_is_admitted(stall_ns: int) -> None:
-    gate = opened()
-    stalled_ns = stream(gate, 200)
-    wakes_ns = stalled_ns + stall_ns
-    burst = [command(201 + i, stalled_ns + i * MS) for i in range((stall_ns - 10 * MS) // MS)]
-    admitted = [c for i, c in enumerate(burst) if gate.admit(c, wakes_ns + i * 1000, CLOCK) is None]
-    assert all(wakes_ns - c.stamp_ns <= 110 * MS for c in admitted)
-    assert len(admitted) <= 100
-    assert len(burst) - len(admitted) >= (stall_ns - 130 * MS) // MS
-
-
-# --- future ---
-
-
-@pytest.mark.parametrize("ahead_ns", [60 * MS, S, HOUR_NS, 2**62])
-def test_a_stamp_from_the_future_is_refused_and_moves_nothing(ahead_ns: int) -> None:
-    gate = opened()
-    next_ns = stream(gate, 100)
-    forged = command(10**6, next_ns + ahead_ns)
-    assert rule(gate.admit(forged, next_ns, CLOCK)) == "future"
-    for i in range(100):  # the sequence has not moved
-        stamp_ns = next_ns + i * MS
-        assert gate.admit(command(101 + i, stamp_ns), stamp_ns + 10 * MS, CLOCK) is None
 
 
 def test_what_the_clock_comparison_leaves_possible_is_no_future() -> None:
@@ -141,9 +95,6 @@ def test_a_session_whose_clocks_are_compared_first_starts_on_any_split_of_the_ro
         assert refusal is None
 
 
-# --- offset ---
-
-
 @pytest.mark.parametrize("offset_ns", [0, 86_400 * S, -86_400 * S, 2**61])
 def test_the_offset_of_the_clocks_cancels(offset_ns: int) -> None:
     gate = opened()
@@ -157,38 +108,11 @@ def test_the_offset_of_the_clocks_cancels(offset_ns: int) -> None:
     assert rule(gate.admit(command(200, sent_ns + offset_ns + 60 * MS), sent_ns, clock)) == "future"
 
 
-@pytest.mark.parametrize(
-    ("rate_ppm", "delay_ns"), [(100, MS // 10), (-100, 30 * MS), (1000, 30 * MS), (-1000, MS // 10)]
-)
-def test_a_clock_at_another_rate_makes_no_command_late_and_late_stays_late(
-    rate_ppm: int, delay_ns: int
-) -> None:
-    """Five minutes of 1000 ppm are 300 ms."""
-    gate, clock = opened(), ClockOffset()
-
-    def masters(stamp_ns: int) -> int:
-        return stamp_ns + stamp_ns * rate_ppm // 1_000_000
-
-    for i in range(1, 6_000):
-        sent_ns = i * 50 * MS
-        heard_ns = sent_ns + delay_ns + i % 5 * delay_ns // 20  # a little jitter
-        refusal = gate.admit(command(i, masters(sent_ns)), heard_ns, clock.best)
-        assert refusal is None, f"after {sent_ns / S} s: {refusal}"
-        t1, t4 = heard_ns, heard_ns + 2 * delay_ns
-        clock.update(t1, masters(t1 + delay_ns), masters(t1 + delay_ns), t4)
-    sent_ns = 6_000 * 50 * MS
-    late = command(6_000, masters(sent_ns))
-    assert rule(gate.admit(late, sent_ns + delay_ns + 103 * MS, clock.best)) == "late"
-
-
 def test_before_the_clocks_are_compared_the_age_is_not_judged() -> None:
     """Nothing is executed until then, see tests/unit/test_control.py."""
     gate = opened()
     assert gate.admit(command(1, S), 9 * S, None) is None
     assert rule(gate.admit(command(2, S), 9 * S, CLOCK)) == "late"
-
-
-# --- range ---
 
 
 @pytest.mark.parametrize(
@@ -209,21 +133,6 @@ def test_what_is_beyond_all_reason_is_refused_and_moves_nothing(
     asked = command(9, S, position_m=position_m, velocity_m_s=velocity_m_s)
     assert gate.admit(asked, S + 10 * MS, None) == expected
     assert rule(gate.admit(command(9, S), S + 10 * MS, None)) == (None if expected else "sequence")
-
-
-def test_stamps_may_be_negative() -> None:
-    gate = opened()
-    stamps = [-(2**63) + i * MS for i in range(50)]
-    assert all(gate.admit(command(i, stamp), S + i * MS, None) is None for i, stamp in enumerate(stamps, 1))
-
-
-# --- two writers ---
-
-
-def test_a_used_number_with_a_newer_stamp_is_a_replay_with_a_new_coat() -> None:
-    gate = opened()
-    next_ns = stream(gate, 100)
-    assert rule(gate.admit(command(50, next_ns), next_ns + 10 * MS, None)) == "sequence"
 
 
 def test_who_jumped_ahead_is_found_out_by_the_first_fresh_command_of_the_other() -> None:

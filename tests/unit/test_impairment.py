@@ -67,10 +67,7 @@ def test_stalls_hold_everything_and_release_it_in_one_burst() -> None:
     stalled = sum(plan[0] > 20 * MS for plan in made) / len(made)
     assert stalled == pytest.approx(0.1 / (1 / 1 + 0.1), rel=0.12)  # of the time, the mean share in a stall
     assert max(plan[0] for plan in made) <= 120 * MS
-    assert {length for length in bursts if length > 1} <= {
-        20,
-        21,
-    }  # 100 ms at 5 ms, one more where it meets the end
+    assert {length for length in bursts if length > 1} <= {20, 21}  # 100 ms at 5 ms, at the end one more
     assert dues == sorted(dues)
 
 

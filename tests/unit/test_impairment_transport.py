@@ -1,3 +1,5 @@
+import pytest
+
 from forefeel.common.runtime.virtual import VirtualRuntime
 from forefeel.common.topics import COMMAND, FORCE, MASTER_TIMING, TOPICS, Qos
 from forefeel.common.transport.impaired import ImpairedTransport, TraceChunk, crosses
@@ -23,23 +25,16 @@ class Pair:
         self.got.append((payload, stamp_ns))
 
 
-def test_outbound_payloads_are_put_as_the_link_plans() -> None:
-    pair = Pair(None, ReplayedImpairment([(30,), (), (5, 50)]))
-    pair.plain.subscribe(KEY, pair.take)
-    put = pair.impaired.publisher(KEY, Qos.STREAM)
+@pytest.mark.parametrize("inbound", [True, False])
+def test_payloads_come_as_the_link_of_their_direction_plans_and_are_stamped_then(inbound: bool) -> None:
+    link = ReplayedImpairment([(30,), (), (5, 50)])
+    pair = Pair(link, None) if inbound else Pair(None, link)
+    taker, giver = (pair.impaired, pair.plain) if inbound else (pair.plain, pair.impaired)
+    taker.subscribe(KEY, pair.take)
+    put = giver.publisher(KEY, Qos.STREAM)
     for payload in (b"late", b"lost", b"twice"):
         put(payload)
     assert pair.got == []
-    pair.runtime.run(1000)
-    assert pair.got == [(b"twice", 105), (b"late", 130), (b"twice", 150)]
-
-
-def test_inbound_payloads_are_stamped_when_they_are_handed_over() -> None:
-    pair = Pair(ReplayedImpairment([(30,), (), (5, 50)]), None)
-    pair.impaired.subscribe(KEY, pair.take)
-    put = pair.plain.publisher(KEY, Qos.STREAM)
-    for payload in (b"late", b"lost", b"twice"):
-        put(payload)
     pair.runtime.run(1000)
     assert pair.got == [(b"twice", 105), (b"late", 130), (b"twice", 150)]
 
@@ -83,10 +78,8 @@ def test_the_trace_tells_what_was_done_and_replays_it() -> None:
         put(b"")
     pair.impaired.subscribe("in", pair.take)
     pair.plain.publisher("in", Qos.STREAM)(b"")
-    assert pair.impaired.drain_trace() == [
-        TraceChunk("inbound", 0, ((7,),)),
-        TraceChunk("outbound", 0, ((1,), ())),
-    ]
+    inbound, outbound = TraceChunk("inbound", 0, ((7,),)), TraceChunk("outbound", 0, ((1,), ()))
+    assert pair.impaired.drain_trace() == [inbound, outbound]
     put(b"")
     assert pair.impaired.drain_trace() == [TraceChunk("outbound", 2, ((2, 3),))]
     assert pair.impaired.drain_trace() == []
@@ -97,12 +90,8 @@ def test_a_long_trace_comes_in_chunks_and_an_undrained_one_loses_its_oldest() ->
     put = pair.impaired.publisher(KEY, Qos.STREAM)
     for _ in range(2500):
         put(b"")
-    chunks = pair.impaired.drain_trace()
-    assert [(chunk.first_index, len(chunk.delays_ns)) for chunk in chunks] == [
-        (0, 1024),
-        (1024, 1024),
-        (2048, 452),
-    ]
+    chunks = [(chunk.first_index, len(chunk.delays_ns)) for chunk in pair.impaired.drain_trace()]
+    assert chunks == [(0, 1024), (1024, 1024), (2048, 452)]
     for _ in range(65_536 + 10):
         put(b"")
     assert pair.impaired.drain_trace()[0].first_index == 2510

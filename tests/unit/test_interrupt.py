@@ -39,14 +39,6 @@ def signals_of_a_terminal() -> Iterator[None]:
         signal.signal(number, handler)
 
 
-@pytest.fixture
-def clock_s(monkeypatch: pytest.MonkeyPatch) -> list[float]:
-    """The time of the signals."""
-    at_s = [0.0]
-    monkeypatch.setattr("forefeel.interrupt.time.monotonic", lambda: at_s[0])
-    return at_s
-
-
 def come(number: signal.Signals = signal.SIGTERM) -> None:
     signal.raise_signal(number)
 
@@ -71,11 +63,7 @@ def test_signal_in_a_callback_that_swallows_ends_the_process(
 
 def test_signal_removes_what_is_half_written(tmp_path: Path, exits: list[int]) -> None:
     file = tmp_path / "new" / "out" / "a.txt"
-    with (
-        pytest.raises(ExitedError),
-        ends_in_order("work", file.parent),
-        whole(file, "the work") as part,
-    ):
+    with pytest.raises(ExitedError), ends_in_order("work", file.parent), whole(file, "the work") as part:
         part.write_text("half")
         come()
     assert exits == [1]
@@ -103,14 +91,16 @@ def test_body_that_does_not_look_is_done_first(exits: list[int], capfd: pytest.C
 
 @pytest.mark.parametrize("told", [False, True], ids=["at once", "never cut"])
 def test_second_signal_ends_a_body_that_does_not_look(
-    exits: list[int], clock_s: list[float], told: bool
+    exits: list[int], monkeypatch: pytest.MonkeyPatch, told: bool
 ) -> None:
     heard: list[int] = []
+    at_s = [0.0]
+    monkeypatch.setattr("forefeel.interrupt.time.monotonic", lambda: at_s[0])
     ends = nullcontext() if told else pytest.raises(ExitedError)
     with ends, signal_flag((lambda: heard.append(1)) if told else None) as stop:
         come(signal.SIGINT)
         assert exits == []
-        clock_s[0] = 1.0
+        at_s[0] = 1.0
         come()
         assert stop.wanted()
     assert (exits, heard) == (([], [1, 1]) if told else ([1], []))

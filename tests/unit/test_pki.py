@@ -19,7 +19,7 @@ from forefeel.common.transport.pki import read_identity
 from forefeel.common.transport.security import CELL_ROLES, Party
 from forefeel.pki.authority import Authority, certificate_pem, hosts_of, key_pem, new_key
 from forefeel.pki.folder import certificate_rows, init_folder, router_file
-from tests.commands.command_line import refused
+from tests.commands.conftest import Shell
 from tests.secured import expired_pki, make_pki
 
 Run = Callable[[Sequence[str]], int]
@@ -258,4 +258,4 @@ def test_wrong_input_is_one_line_and_writes_nothing(
         "plain": f"listen: [tcp/0.0.0.0:7447], pki: {make_pki(tmp_path / 'full')}",
     }
     files = {f"{name}.yaml": f"cells: [cell]\ntransport: {{{each}}}\n" for name, each in transports.items()}
-    refused(run, capsys, tmp_path, arguments, (words,), files)
+    Shell(tmp_path, run, capsys).refused(arguments, (words,), files)

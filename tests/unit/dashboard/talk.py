@@ -3,18 +3,9 @@
 from collections.abc import Iterator
 from typing import Any
 
+from forefeel.common import topics
 from forefeel.common.codec import encode
 from forefeel.common.messages import Message
-from forefeel.common.topics import (
-    FORCE,
-    HAPTICS,
-    LIMIT_EVENT,
-    MASTER_STATE,
-    MASTER_TIMING,
-    PARAMETERS,
-    SLAVE_STATE,
-    Topic,
-)
 from forefeel.dashboard.axis_view import AxisView
 from forefeel.dashboard.cell_view import CellView
 from tests.messages import force, haptics, usual
@@ -25,22 +16,28 @@ CELL, AXIS = "cathlab", "insertion"
 AHEAD_NS = 40 * S
 """So much is the slave's clock ahead of the master's."""
 HOSTILE = "<img src=x onerror=\"document.title='taken'\"><b>bold</b>"
-Spoken = tuple[Topic[Any], Message, int]
+Spoken = tuple[topics.Topic[Any], Message, int]
 
 
 def talk(first: int, last: int, start_ns: int = 9 * S, delay_ms: int = 300) -> Iterator[Spoken]:
     """A cell at 1 kHz, from tick to tick: topic, message, receive stamp. Forces answer after `delay_ms`."""
     for tick in range(first, last):
         now_ns = start_ns + tick * MS
-        put: list[tuple[Topic[Any], Message]] = [(HAPTICS, haptics(tick, now_ns))]
+        put: list[tuple[topics.Topic[Any], Message]] = [(topics.HAPTICS, haptics(tick, now_ns))]
         sent = tick - delay_ms
         if sent >= 0:
             answered = (sent, start_ns + sent * MS)
-            put.append((FORCE, force(tick, answered[1] + delay_ms * MS // 2 + AHEAD_NS, answered)))
+            put.append((topics.FORCE, force(tick, answered[1] + delay_ms * MS // 2 + AHEAD_NS, answered)))
         if tick % 50 == 0:
-            put += [(t, usual(t, stamp_ns=now_ns)) for t in (PARAMETERS, SLAVE_STATE, MASTER_STATE)]
+            put += [
+                (t, usual(t, stamp_ns=now_ns))
+                for t in (topics.PARAMETERS, topics.SLAVE_STATE, topics.MASTER_STATE)
+            ]
         if tick % 1000 == 0:
-            put += [(MASTER_TIMING, usual(MASTER_TIMING)), (LIMIT_EVENT, usual(LIMIT_EVENT))]
+            put += [
+                (topics.MASTER_TIMING, usual(topics.MASTER_TIMING)),
+                (topics.LIMIT_EVENT, usual(topics.LIMIT_EVENT)),
+            ]
         yield from ((topic, written, now_ns + 2 * MS) for topic, written in put)
 
 

@@ -1,5 +1,6 @@
-"""Which connection of the page gives way."""
+"""Where the page is served, and which connection gives way."""
 
+import socket
 from types import SimpleNamespace
 from typing import cast
 
@@ -7,6 +8,8 @@ import pytest
 
 pytest.importorskip("uvicorn")
 
+from forefeel.child_process import listening_at, next_listening
+from forefeel.common.errors import EndpointError
 from forefeel.dashboard.server import HEAD_S, MOST_CONNECTIONS, Connection, displaced, overdue
 
 
@@ -28,3 +31,20 @@ def test_the_oldest_silent_one_gives_way_and_the_oldest_where_all_are_being_answ
 def test_a_request_that_does_not_arrive_in_time_is_overdue() -> None:
     late, answered, recent = peer(0.0), peer(0.0, silent=False), peer(1.0)
     assert overdue([late, answered, recent], HEAD_S + 0.5) == [late]
+
+
+def test_a_socket_of_the_parent_is_used(monkeypatch: pytest.MonkeyPatch) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as theirs:
+        monkeypatch.setenv("FOREFEEL_LISTENING", str(theirs.fileno()))
+        with listening_at("127.0.0.1", 8600) as ours:
+            assert ours.getsockname() == theirs.getsockname()
+            theirs.detach()
+
+
+def test_a_taken_port_is_said_in_words_or_gives_way_to_the_next() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(EndpointError, match=str(port)):
+            listening_at("127.0.0.1", port)
+        with next_listening("127.0.0.1", port) as other:
+            assert 0 < other.getsockname()[1] - port < 20

@@ -21,13 +21,17 @@ from forefeel.dashboard.sources import LiveCell
 from tests.unit.dashboard.talk import AXIS, CELL, S, talk
 from tests.unit.dashboard.test_replay import write
 
+Live = tuple[Endpoint, VirtualClock]
 Act = str | Callable[[], None]
 
 
 class Socket:
-    """Asks what it was given, then goes away; what can be called happens before the next question."""
+    """Asks what it was given, stays until `ended` if it is given, then goes away; what can be called happens
+    before the next question. `settled`: it has asked all or was closed.
+    """
 
-    def __init__(self, *asks: Act) -> None:
+    def __init__(self, *asks: Act, ended: asyncio.Event | None = None) -> None:
+        self._ended, self.settled = ended, asyncio.Event()
         self.told: list[Any] = []
         self.closed: tuple[int, str] | None = None
         self.aborted = False
@@ -39,6 +43,7 @@ class Socket:
 
     async def close(self, code: int, reason: str = "") -> None:
         self.closed = code, reason
+        self.settled.set()
 
     async def receive_text(self) -> str:
         while self._asks:
@@ -46,28 +51,13 @@ class Socket:
             if isinstance(ask, str):
                 return ask
             ask()
+        self.settled.set()
+        if self._ended is not None:
+            await self._ended.wait()
         raise WebSocketDisconnect
 
     async def send_text(self, text: str) -> None:
         self.told.append(json.loads(text))
-
-
-class Waiting(Socket):
-    """Stays after its questions until `ended`, or until it is ended itself."""
-
-    def __init__(self, ended: asyncio.Event, *asks: Act) -> None:
-        super().__init__(*asks)
-        self._ended, self.settled = ended, asyncio.Event()
-
-    async def close(self, code: int, reason: str = "") -> None:
-        await super().close(code, reason)
-        self.settled.set()
-
-    async def receive_text(self) -> str:
-        if not self._asks:
-            self.settled.set()
-            await self._ended.wait()
-        return await super().receive_text()
 
 
 def conversed(served: Endpoint, *asks: Act) -> Socket:
@@ -86,7 +76,7 @@ def recorded(path: Path, *asks: dict[str, Any]) -> list[dict[str, Any]]:
 
 
 @pytest.fixture
-def live() -> tuple[Endpoint, VirtualClock]:
+def live() -> Live:
     """A cell that was heard for half a second."""
     clock = VirtualClock(9 * S)
     cell = LiveCell(CELL, "tcp/10.0.0.2:7447", clock)
@@ -98,7 +88,7 @@ def live() -> tuple[Endpoint, VirtualClock]:
 
 
 def test_who_asks_is_answered_and_the_second_answer_holds_only_what_is_new(
-    live: tuple[Endpoint, VirtualClock],
+    live: Live,
 ) -> None:
     began, first, second = conversed(live[0], "{}", "{}").told
     assert (began["facts"]["cell"], began["facts"]["file"]) == (CELL, None)
@@ -107,7 +97,7 @@ def test_who_asks_is_answered_and_the_second_answer_holds_only_what_is_new(
     assert (second["traces"]["felt"], second["cards"], second["anew"]) == ([], {}, False)
 
 
-def test_silence_is_said_with_since_when(live: tuple[Endpoint, VirtualClock]) -> None:
+def test_silence_is_said_with_since_when(live: Live) -> None:
     live[1].set_ns(60 * S)
     _, answer = conversed(live[0], "{}").told
     assert answer["silence"] == {
@@ -122,18 +112,18 @@ def test_silence_is_said_with_since_when(live: tuple[Endpoint, VirtualClock]) ->
         "[" * 3000, json.dumps({"axis": "x" * 257}),
     ],
 )  # fmt: skip
-def test_what_is_no_question_ends_the_conversation(live: tuple[Endpoint, VirtualClock], asked: str) -> None:
+def test_what_is_no_question_ends_the_conversation(live: Live, asked: str) -> None:
     ended = conversed(live[0], asked, "{}")
     assert ended.closed == (1008, "not understood")
     assert len(ended.told) == 1
 
 
 def test_a_page_beyond_the_viewers_takes_the_place_of_the_oldest_that_asked_nothing(
-    live: tuple[Endpoint, VirtualClock],
+    live: Live,
 ) -> None:
     async def crowd() -> list[Socket]:
         ended = asyncio.Event()
-        sockets = [Waiting(ended, *["{}"] * (i not in {1, 2})) for i in range(MOST_VIEWERS + 3)]
+        sockets = [Socket(*["{}"] * (i not in {1, 2}), ended=ended) for i in range(MOST_VIEWERS + 3)]
         viewing = []
         for socket in sockets:
             viewing.append(asyncio.create_task(live[0].converse(cast(WebSocket, socket))))
@@ -141,7 +131,7 @@ def test_a_page_beyond_the_viewers_takes_the_place_of_the_oldest_that_asked_noth
         assert live[0].open == MOST_VIEWERS
         ended.set()
         await asyncio.gather(*viewing)
-        return [*sockets]
+        return sockets
 
     refused = [i for i, socket in enumerate(asyncio.run(crowd())) if socket.closed and socket.aborted]
     assert refused == [1, 2, MOST_VIEWERS + 2]  # those in between were open pages
@@ -166,7 +156,7 @@ def test_damage_in_a_recording_is_said_on_the_page(tmp_path: Path) -> None:
     assert "damaged" in answer["silence"]["word"]
 
 
-def test_next_scene_begins_with_its_facts(live: tuple[Endpoint, VirtualClock], tmp_path: Path) -> None:
+def test_next_scene_begins_with_its_facts(live: Live, tmp_path: Path) -> None:
     pages = {"report": tmp_path / "report.html"}
     ended = Scene(head="ended", recording=write(tmp_path / "run.mcap", 3), pages=pages)
     at_2_s = '{"at_s": 2.0}'

@@ -1,8 +1,6 @@
 """What the script may not do, and the command line without the extra."""
 
 import re
-import sys
-from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -20,16 +18,3 @@ def test_nothing_is_made_html_and_nothing_is_loaded_from_elsewhere(file: Path) -
         assert word not in text
     assert not re.search(r"(https?:)?//[a-z0-9-]+\.[a-z]", text)
     assert len(text.splitlines()) <= 300
-
-
-@pytest.mark.parametrize("command", ["dashboard --connect tcp/127.0.0.1:9", "view run.mcap"])
-def test_without_the_extra_one_line_says_so(
-    command: str,
-    run: Callable[[Sequence[str]], int],
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setitem(sys.modules, "uvicorn", None)
-    monkeypatch.delitem(sys.modules, "forefeel.dashboard.server", raising=False)
-    assert run(command.split()) == 2
-    assert "pip install 'forefeel[dashboard]'" in capsys.readouterr().err
