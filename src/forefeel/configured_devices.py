@@ -61,7 +61,6 @@ def device_of(config: Path, axis: str, slot: Slot) -> ConfiguredDevice:
     devices = [device for device in configured(load_daemon(config, "slave")) if device.driver.slot == slot]
     real = {device.axis: device for device in devices if device.settings.hardware}
     if axis not in real:
-        raise ConfigurationError(
-            f"--axis {axis}: {config}: no {slot} with hardware; expected one of {', '.join(real) or 'none'}"
-        )
+        others = f"expected --axis {' or '.join(real)}" if real else "no other axis has one, either"
+        raise ConfigurationError(f"{config}: axis {axis} has no {slot} with hardware; {others}")
     return real[axis]

@@ -17,9 +17,8 @@ from forefeel.diagnosis.judge import judged
 from forefeel.diagnosis.long_recording import FLAG, analyse_long, is_long
 from forefeel.diagnosis.residual import predictable_share
 from forefeel.diagnosis.standard_tests import diagnosed_hold, diagnosed_step
-from forefeel.diagnosis.verdict import Diagnosis, ModelError
+from forefeel.diagnosis.verdict import LEAST_S, Diagnosis, ModelError
 
-LEAST_S = 3.0
 _LIKE_NOISE = 0.3
 _NO_ANSWER = 0.98
 

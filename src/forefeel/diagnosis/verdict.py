@@ -18,6 +18,8 @@ VerdictName = Literal[
     "not_driven_by_this_axis",
     "unexplained",
 ]
+LEAST_S = 3.0
+"""Shortest recording that is diagnosed."""
 MOST_TIMES_THE_NOISE = 3.0
 """Times the noise that a simulation which is complete leaves at most."""
 NAMING: frozenset[VerdictName] = frozenset({"cause_found", "partly_explained"})

@@ -12,6 +12,7 @@ from forefeel.common.limiter import MOTION_RULES
 from forefeel.common.messages import Grip, SafetyState
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import SHAPE, SLAVE_STATE
+from forefeel.diagnosis.verdict import LEAST_S
 from forefeel.files import folder_named_after, fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
 from forefeel.report.drawing import (
@@ -105,7 +106,8 @@ def run_report(recording: Path, out: Path | None, overwrite: bool) -> None:
         write_all(out, pages, written)
     answer(*ten_lines(report, out), document=report.to_json)
     axis = report.axis if run.axes[1:] else None
-    suggest("diagnose", recording, axis=axis, out=out / "diagnosis", overwrite=overwrite)
+    if report.duration_s >= LEAST_S:  # a flight record is shorter
+        suggest("diagnose", recording, axis=axis, out=out / "diagnosis", overwrite=overwrite)
 
 
 def make_pages(run: Run) -> tuple[RunReport, Mapping[str, str]]:

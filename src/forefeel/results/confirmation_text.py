@@ -20,7 +20,7 @@ def confirmation_lines(replay: Replay) -> list[tuple[str, str]]:
     name = printable(c.recording)
     if not diagnosis.has_a_model:
         return [("Not told", f"{name}: no cause was named that it could confirm")]
-    off = f"off by {quantity(c.left_n, 'N')} rms, {c.ratio:.2g} times what is to be expected"
+    off = f"off by {quantity(c.left_n, 'N')} rms, {c.ratio:.2f} times what is to be expected"
     label, text = {
         "confirmed": ("Confirmed", f"on {name}: {off}"),
         "not_confirmed": (
