@@ -172,7 +172,9 @@ def _in_si(
     if rate_hz is None:
         to_s = TO_SI["time"][chosen["time"][1]]
         stamps, done = unwrapped(read.pop("time"), to_s)
-        time_s = (stamps - _origin(stamps)) * to_s
+        finite = stamps[np.isfinite(stamps)]
+        since_1970 = len(finite) and abs(finite[0]) > _LATEST_OWN_ORIGIN
+        time_s = (stamps - finite[0] if since_1970 else stamps) * to_s
     else:
         stamped = [c.column for c in candidates(table.names, table.units, "time") if c.named]
         instead = f", not by {', '.join(map(repr, stamped))}" if stamped else ""
@@ -188,6 +190,7 @@ def _in_si(
 
 
 _RATE = "the rate of the rows in Hz, such as --rate 50 (in Python rate_hz=50)"
+_LATEST_OWN_ORIGIN = 1e6  # in the unit of the column: larger first stamps count from 1970 and begin at 0
 _MOST_FURTHER = 8  # columns that are kept beside: a wide table costs no more memory
 
 
@@ -206,12 +209,6 @@ def _further(table: Table, taken: Collection[str]) -> list[Column]:
         columns = (Column(name, unit, v * factor) for (name, unit, factor), v in zip(some, read, strict=True))
         changing += [c for c in columns if np.isfinite(c.values).any() and np.nanstd(c.values) > 0.0]
     return changing[:_MOST_FURTHER]
-
-
-def _origin(values: Array) -> float:
-    """First finite value of stamps since 1970, which is subtracted; 0 of others, which keep their origin."""
-    finite = values[np.isfinite(values)]
-    return float(finite[0]) if len(finite) and abs(finite[0]) > 1e6 else 0.0
 
 
 Chosen = dict[Quantity, tuple[str, str]]

@@ -8,9 +8,9 @@ import pytest
 
 from forefeel.doctor.checks import Finding
 from forefeel.loopback.plan import LoopbackOptions, make_plan
-from forefeel.loopback.virtual import VirtualLoopback
 from tests.commands.command_line import COMMANDS, group
 from tests.commands.conftest import Shell
+from tests.looped import looped
 from tests.secured import make_pki
 from tests.unit.diagnosis_samples import FRICTION_N, made, put
 
@@ -44,9 +44,7 @@ def made_once(tmp_path_factory: pytest.TempPathFactory) -> Path:
     make_pki(folder / "pki")
     (folder / "recordings").mkdir()
     put(folder / "recordings" / "strokes.csv", made(6.0, friction_n=FRICTION_N))
-    loop = VirtualLoopback(make_plan(LoopbackOptions(seed=1, duration_s=3.0)), 1)
-    loop.run(lambda _: None)
-    loop.write(folder / "run.mcap")
+    looped(make_plan(LoopbackOptions(seed=1, duration_s=3.0))).write(folder / "run.mcap")
     return folder
 
 

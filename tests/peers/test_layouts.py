@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 
 from forefeel.common.topics import parse_key
 from forefeel.loopback.plan import LoopbackOptions, make_plan
-from forefeel.loopback.virtual import VirtualLoopback
+from tests.looped import looped
 
 DEPLOY = Path(__file__).parents[2] / "deploy"
 FOXGLOVE: dict[str, Any] = json.loads((DEPLOY / "foxglove" / "forefeel.json").read_text())
@@ -38,9 +38,8 @@ def plotjuggler_paths() -> list[tuple[str, str]]:
 def recorded(tmp_path_factory: pytest.TempPathFactory) -> Values:
     """Every value of a run: topic -> field -> values that are not null."""
     folder = tmp_path_factory.mktemp("run")
-    loop = VirtualLoopback(make_plan(LoopbackOptions(seed=1, impairment="lan", duration_s=3.0)), 1)
-    loop.run(lambda _: None)
-    loop.write(folder / "recording.mcap")
+    plan = make_plan(LoopbackOptions(seed=1, impairment="lan", duration_s=3.0))
+    looped(plan).write(folder / "recording.mcap")
     values: Values = {}
     with (folder / "recording.mcap").open("rb") as stream:
         for _, channel, message in make_reader(stream).iter_messages():

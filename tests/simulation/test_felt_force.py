@@ -9,8 +9,8 @@ from forefeel.common.causes.model import SCHEMA
 from forefeel.common.events.text import DISTRUSTED
 from forefeel.common.topics import FORCE, HAPTICS, MASTER_LIMIT
 from forefeel.loopback.plan import LoopbackOptions, make_plan
+from tests.looped import looped
 from tests.network import Traffic, traffic_of
-from tests.simulation.looped import looped
 
 WALL_N_M = 400.0
 """The synthetic operator's arm has 250 N/m: reflected late, such a wall has a loop gain above one."""

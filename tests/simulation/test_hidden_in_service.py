@@ -12,7 +12,7 @@ import pytest
 from benchmarks.hidden_in_service import WALL, in_service, write_model
 from forefeel.common.topics import FORCE
 from forefeel.loopback.plan import LoopbackOptions, make_plan
-from tests.simulation.looped import recorded
+from tests.looped import recorded
 
 
 @pytest.mark.parametrize(

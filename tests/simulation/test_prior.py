@@ -7,7 +7,7 @@ from forefeel.common.prior_file import load_prior
 from forefeel.loopback.plan import LoopbackOptions, make_plan
 from forefeel.report.model import RunReport
 from forefeel.report.summary import summarise
-from tests.simulation.looped import recorded
+from tests.looped import recorded
 
 
 def run(folder: Path, seed: int, **changed: Any) -> RunReport:  # noqa: ANN401 - options

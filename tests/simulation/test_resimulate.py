@@ -19,7 +19,7 @@ from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.topics import COMMAND, FORCE, HAPTICS, MASTER_HANDSHAKE, PARAMETERS, Topic
 from forefeel.loopback.plan import PRIOR, LoopbackOptions, make_plan
 from forefeel.report.summary import summarise
-from tests.simulation.looped import looped
+from tests.looped import looped
 
 Run = Callable[[Sequence[str]], int]
 Messages = list[tuple[str, Message, int]]

@@ -14,8 +14,8 @@ from forefeel.loopback.plan import AXIS, OUR_WORLDS, LoopbackOptions, Plan, make
 from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.page import still
 from forefeel.report.traces import axis_traces
+from tests.looped import looped
 from tests.network import traffic_of
-from tests.simulation.looped import looped
 
 
 def plan(world: str, duration_s: float) -> Plan:

@@ -35,8 +35,8 @@ from forefeel.loopback.virtual import VirtualLoopback
 from forefeel.report.page import write_report
 from forefeel.report.traces import axis_traces
 from forefeel.report.transparency import against_twin, as_measured
+from tests.looped import looped
 from tests.network import M, S, Traffic, traffic_of
-from tests.simulation.looped import looped
 
 TICK_S = 0.001
 WATCHDOG_S = 0.060

@@ -24,6 +24,7 @@ from forefeel.report.summary import summarise
 from forefeel.slave.plant.foreign import WorldDriverSettings
 from forefeel.slave.plant.settings import world_settings
 from forefeel.slave.plant.world import SimulatedWorld
+from tests.looped import looped
 from tests.unit.model_samples import effect, mapping
 
 MS = 1_000_000
@@ -118,9 +119,7 @@ def loopback(tmp_path: Path, duration_s: float, **world: object) -> VirtualLoopb
     file = {"simulation": simulation, "limits": {"max_force_n": 0.4}, "operator": operator}
     (tmp_path / "spring.yaml").write_text(yaml.safe_dump(file))
     options = LoopbackOptions(world=str(tmp_path / "spring.yaml"), duration_s=duration_s)
-    loop = VirtualLoopback(make_plan(options), 1)
-    loop.run(lambda _done_s: None)
-    return loop
+    return looped(make_plan(options))
 
 
 def shapes(tmp_path: Path, points: int, duration_s: float = 0.5) -> list[tuple[InstrumentShape, float]]:
