@@ -14,6 +14,7 @@ from typing import Any, Self, TypeVar
 
 import yaml
 
+from forefeel.child_process import free_endpoints
 from forefeel.common.bus import observed
 from forefeel.common.clock import MonotonicClock
 from forefeel.common.codec import decode
@@ -134,9 +135,9 @@ class LiveCell:
         self.pki = folder / "pki" if pki else None
         if self.pki is not None:
             make_pki(self.pki, [CELL], days=30)
-        protocol = "tls" if pki else "tcp"
+        tcp = free_endpoints(3)  # chosen together: one after another two of them may be the same
         self.endpoint, self.own, self.master_endpoint = (
-            f"{protocol}/127.0.0.1:{free_port()}" for _ in range(3)
+            each.replace("tcp/", "tls/") if pki else each for each in tcp
         )
         self.received: defaultdict[str, deque[tuple[bytes, int]]] = defaultdict(lambda: deque(maxlen=_MOST))
         self.watch: Callable[[str, bytes], None] | None = None
