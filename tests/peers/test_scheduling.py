@@ -95,16 +95,17 @@ def test_a_prepared_process_says_what_it_got_and_hands_the_interpreter_over_soon
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="SCHED_FIFO needs root")
-def test_threads_that_were_started_before_are_raised_and_hand_that_on() -> None:
+def test_threads_that_were_started_before_are_raised_take_turns_and_hand_that_on() -> None:
     script = (
         "import os, threading; from forefeel.common.runtime.realtime import raise_threads\n"
         "waiting = threading.Event(); threading.Thread(target=waiting.wait).start(); raise_threads(30)\n"
         "threading.Thread(target=waiting.wait).start()\n"
-        "print(*(os.sched_getparam(int(t)).sched_priority for t in os.listdir('/proc/self/task')))\n"
+        "for t in map(int, os.listdir('/proc/self/task')):\n"
+        "    print(os.sched_getparam(t).sched_priority, os.sched_getscheduler(t) == os.SCHED_RR)\n"
         "waiting.set()"
     )
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert done.stdout.split() == ["30"] * 3
+    assert done.stdout.splitlines() == ["30 True"] * 3
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="SCHED_FIFO needs root")
