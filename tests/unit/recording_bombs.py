@@ -135,39 +135,44 @@ def _hdf5(layout: dict[str, tuple[int | None, ...]], packed: bytes = b"") -> Cal
 
 
 _UNPACKED = "bytes when unpacked, allowed"
-BOMBS: dict[str, tuple[Callable[[Path], None], str]] = {
-    "far.xlsx": (
-        _spreadsheet(
-            '<dimension ref="A1:XFD1048576"/><sheetData><row r="1"><c r="A1"><v>1</v></c></row>'
-            '<row r="1048576"><c r="XFD1048576"><v>1</v></c></row></sheetData>'
+
+
+def expanding_files() -> dict[str, tuple[Callable[[Path], None], str]]:
+    """How each is written, and what is said of it. Read with room, most take 128 MiB to many GiB.
+
+    A function, or each process that collects the tests would make them."""
+    return {
+        "far.xlsx": (
+            _spreadsheet(
+                '<dimension ref="A1:XFD1048576"/><sheetData><row r="1"><c r="A1"><v>1</v></c></row>'
+                '<row r="1048576"><c r="XFD1048576"><v>1</v></c></row></sheetData>'
+            ),
+            "no time",
         ),
-        "no time",
-    ),
-    "wide.xlsx": (_spreadsheet(_cells(3000, '<c r="XFD{}"><v>1</v></c>')), _UNPACKED),
-    "texts.xlsx": (
-        _spreadsheet(_cells(2000, '<c r="A{}" t="s"><v>0</v></c>'), f"<si><t>{'x' * 10**6}</t></si>"),
-        _UNPACKED,
-    ),
-    "styles.xlsx": (_spreadsheet(_cells(1, ""), "", f"<cellXfs>{'<xf/>' * 10**6}</cellXfs>"), _UNPACKED),
-    "array.mcap": (_ros("string[30000000] a\n", bytes(64)), _UNPACKED),
-    "nested.mcap": (
-        _ros("B[3000] b\n" + _message("B\nC[3000] c") + _message("C\nuint8 a"), bytes(64)),
-        _UNPACKED,
-    ),
-    "list.mcap": (
-        _ros("B[] b\n" + _message("B\nuint8 a"), b"\0\1\0\0" + struct.pack("<I", 10**7) + bytes(10**7)),
-        _UNPACKED,
-    ),
-    "packed.bag": (_bag, _UNPACKED),
-    "zeros.mat": (_matlab(_matrix(6, (2**24, 1), _element(9, bytes(2**27)))), _UNPACKED),
-    "bytes.mat": (_matlab(_matrix(6, (2**24, 1), _element(2, bytes(2**24)))), _UNPACKED),
-    "cells.mat": (_matlab(_matrix(1, (20_000, 20_000), b"")), _UNPACKED),
-    "zeros.parquet": (_row_groups, f"column 'time_s': {2**27} {_UNPACKED}"),
-    "list.parquet": (_parquet(_list), _UNPACKED),
-    "struct.parquet": (_parquet(lambda: pa.StructArray.from_arrays([_list()], ["a"])), "no time"),
-    "texts.parquet": (_parquet(lambda: _texts().cast(pa.string())), "expected at least 2"),
-    "zeros.h5": (_hdf5({"shape": (2**27,), "chunks": (2**20,)}), _UNPACKED),
-    "chunk.h5": (_hdf5({"shape": (10,), "maxshape": (None,), "chunks": (2**28,)}), _UNPACKED),
-    "packed.h5": (_hdf5({"shape": (10,), "chunks": (10,)}, zlib.compress(bytes(2**27))), _UNPACKED),
-}
-"""How each is written, and what is said of it. Read with room, most take 128 MiB to many GiB."""
+        "wide.xlsx": (_spreadsheet(_cells(3000, '<c r="XFD{}"><v>1</v></c>')), _UNPACKED),
+        "texts.xlsx": (
+            _spreadsheet(_cells(2000, '<c r="A{}" t="s"><v>0</v></c>'), f"<si><t>{'x' * 10**6}</t></si>"),
+            _UNPACKED,
+        ),
+        "styles.xlsx": (_spreadsheet(_cells(1, ""), "", f"<cellXfs>{'<xf/>' * 10**6}</cellXfs>"), _UNPACKED),
+        "array.mcap": (_ros("string[30000000] a\n", bytes(64)), _UNPACKED),
+        "nested.mcap": (
+            _ros("B[3000] b\n" + _message("B\nC[3000] c") + _message("C\nuint8 a"), bytes(64)),
+            _UNPACKED,
+        ),
+        "list.mcap": (
+            _ros("B[] b\n" + _message("B\nuint8 a"), b"\0\1\0\0" + struct.pack("<I", 10**7) + bytes(10**7)),
+            _UNPACKED,
+        ),
+        "packed.bag": (_bag, _UNPACKED),
+        "zeros.mat": (_matlab(_matrix(6, (2**24, 1), _element(9, bytes(2**27)))), _UNPACKED),
+        "bytes.mat": (_matlab(_matrix(6, (2**24, 1), _element(2, bytes(2**24)))), _UNPACKED),
+        "cells.mat": (_matlab(_matrix(1, (20_000, 20_000), b"")), _UNPACKED),
+        "zeros.parquet": (_row_groups, f"column 'time_s': {2**27} {_UNPACKED}"),
+        "list.parquet": (_parquet(_list), _UNPACKED),
+        "struct.parquet": (_parquet(lambda: pa.StructArray.from_arrays([_list()], ["a"])), "no time"),
+        "texts.parquet": (_parquet(lambda: _texts().cast(pa.string())), "expected at least 2"),
+        "zeros.h5": (_hdf5({"shape": (2**27,), "chunks": (2**20,)}), _UNPACKED),
+        "chunk.h5": (_hdf5({"shape": (10,), "maxshape": (None,), "chunks": (2**28,)}), _UNPACKED),
+        "packed.h5": (_hdf5({"shape": (10,), "chunks": (10,)}, zlib.compress(bytes(2**27))), _UNPACKED),
+    }

@@ -10,7 +10,7 @@ from mcap.data_stream import RecordBuilder
 from mcap.records import Chunk
 from mcap.writer import MCAP0_MAGIC
 
-from tests.unit.recording_bombs import BOMBS
+from tests.unit.recording_bombs import expanding_files
 
 ROOT = Path(__file__).parents[2]
 _UNPACKED = 256 * 2**20
@@ -73,9 +73,10 @@ def test_a_run_of_chunks_that_unpack_to_more_than_they_may(tmp_path: Path) -> No
 
 
 def test_files_that_libraries_expand(tmp_path: Path) -> None:
-    for name, (write, _) in BOMBS.items():
+    files = expanding_files()
+    for name, (write, _) in files.items():
         write(tmp_path / name)
-    lines = refused([("table", tmp_path / name) for name in BOMBS])
-    for (name, (_, expected)), line in zip(BOMBS.items(), lines, strict=True):
+    lines = refused([("table", tmp_path / name) for name in files])
+    for (name, (_, expected)), line in zip(files.items(), lines, strict=True):
         assert line.startswith(str(tmp_path / name)), line
         assert expected in line
