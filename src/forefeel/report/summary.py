@@ -276,7 +276,7 @@ def axis_counters(run: Run, axis: str) -> dict[str, int]:
 
 
 def recorder_counters(run: Run) -> dict[str, int]:
-    """Messages that the recorder received and could not write, by reason, as it noted them."""
+    """Messages that the recorder has not in its file, by reason, as it noted them."""
     noted = run.metadata.get("recorder", {})
     return {f"recorder_{name}": int(n) for name, n in sorted(noted.items()) if n.isdecimal()}
 
