@@ -1,6 +1,6 @@
 """Both sides of the predictor in one thread, as an evaluation of a recording uses them."""
 
-from math import inf
+from math import inf, isfinite
 
 from forefeel.common.causes.model import ContactModel
 from forefeel.common.causes.motion import NO_COLUMNS, Columns
@@ -34,7 +34,8 @@ class Predictor:
         self._last = (-inf, 0.0)
 
     def move(self, t_s: float, position_m: float, further: Columns = NO_COLUMNS) -> None:
-        """Adds an own position and predicts there, to judge the experts; ignored if its stamp is no later.
+        """Adds an own position and predicts there, to judge the experts; ignored if its stamp is no later
+        or it is not finite.
 
         First hands the evaluator what `observe` has taught since.
 
@@ -48,7 +49,7 @@ class Predictor:
             raise ValueError(f"further: no {missing[0]!r}; expected the columns that the model follows")
         before_s, before_m = self._last
         self._publish()
-        if t_s > before_s:
+        if t_s > before_s and isfinite(position_m):
             self._last = t_s, position_m
             velocity_m_s = (position_m - before_m) / (t_s - before_s)
             self._evaluator.move(t_s, position_m, position_m, velocity_m_s, further)

@@ -72,13 +72,17 @@ def test_nothing_bad_is_remembered_for_more_than_5_s(bad: str, begin: int, share
 
 def test_what_is_no_number_is_left_out() -> None:
     clean, dirty = Predictor(), Predictor()
-    for n in range(600):
+    for n in range(DELAY, 600):
         for each in (clean, dirty):
             each.observe(CONTACT.t[n - DELAY], CONTACT.f[n - DELAY])
             each.move(CONTACT.t[n], CONTACT.x[n])
         for odd in (np.nan, np.inf, -np.inf):
             dirty.observe(CONTACT.t[n - DELAY], odd)
+            dirty.move(CONTACT.t[n] + 0.1 / RATE_HZ, odd)
         assert dirty.predict() == clean.predict()
+    said = clean.predict()
+    assert said is not None
+    assert said.leading != "zoh"
     assert dirty.learner.renewals == 0
 
 
