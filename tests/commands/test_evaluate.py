@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 
+from forefeel.common.recording.mcap_reader import Run
 from tests.commands.command_line import contents
 from tests.commands.conftest import Shell
 from tests.unit.evaluation_samples import csv_text, made_up, recording
@@ -70,6 +71,16 @@ def test_the_same_command_gives_the_same_bytes_and_overwrites_only_when_asked(sh
     assert (found["jitter_s"], found["loss"], found["seed"]) == (0.05, 0.05, 3)
     assert shell(f"{line} --overwrite --seed 4").code == 0
     assert contents(out)[out / "evaluation.json"] != before[out / "evaluation.json"]
+
+
+def test_the_next_command_plays_the_file_that_was_evaluated_with_its_model(shell: Shell) -> None:
+    whole = csv_text(made_up(duration_s=5.0)).replace("position_m", "where")
+    shell.write({"a.csv": whole, "m.yaml": MODEL})
+    shown = shell("evaluate a.csv --position m:where --model m.yaml --out out")
+    line = shown.err.splitlines()[-1].removeprefix("next: forefeel ")
+    assert shell(f"{line} --virtual-time --duration 2 --out played").code == 0
+    run = Run(shell.folder / "played" / "recording.mcap").metadata["run"]
+    assert (run["recording"], run["master_model"]) == ("a.csv", "m.yaml")
 
 
 GOOD, SHORT = csv_text(made_up(duration_s=4.0)), csv_text(made_up(duration_s=1.0))

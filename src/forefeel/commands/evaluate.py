@@ -59,5 +59,7 @@ def evaluate(  # noqa: PLR0913, PLR0917 - one parameter per option
             say(rule)
         if loaded is None:
             suggest("diagnose", files[0], axis=axis, out=out, **columns.options())
-        elif not loaded.columns:  # a loopback has one axis
-            suggest("loopback", impairment="paper", master_model=model)
+        elif not loaded.columns and axis is None:  # a loopback has one axis
+            suggest(
+                "loopback", recording=files[0], impairment="paper", master_model=model, **columns.options()
+            )

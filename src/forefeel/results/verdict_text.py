@@ -366,7 +366,7 @@ def _with_the_model(diagnosis: Diagnosis, across: "Across | str | None") -> list
         "use it: prediction: {model: model.yaml} in the settings of forefeel master",
         f"its column {further[0]} has to be the name of another axis of the cell"
         if further
-        else "try it first: forefeel loopback --master-model FILE",
+        else "try it first: forefeel loopback --recording FILE --master-model model.yaml",
     ]
 
 
