@@ -69,12 +69,12 @@ class ForceRenderer:
         wanted_n = self._passivity.damped_n(self._fade * self._target_n, moved_m)
         step_n = settings.max_slew_n_s * dt_s
         slewed_n = max(self.force_n - step_n, min(self.force_n + step_n, wanted_n))
-        if slewed_n != wanted_n:
-            hits += (LimitHit("rendered_step", wanted_n, slewed_n, "N"),)
         velocity_m_s = moved_m / dt_s if dt_s > 0.0 else 0.0
         passive_n = self._passivity.limited_n(slewed_n, self.force_n, velocity_m_s, dt_s)
-        if passive_n != slewed_n:
-            hits += (LimitHit("rendered_energy", slewed_n, passive_n, "N"),)
+        if passive_n != slewed_n:  # then the step is short because the last force was
+            hits += (LimitHit("rendered_energy", wanted_n, passive_n, "N"),)
+        elif slewed_n != wanted_n:
+            hits += (LimitHit("rendered_step", wanted_n, slewed_n, "N"),)
         self.force_n = self._applied_n = passive_n
         return Rendered(passive_n, hits, energy_j)
 

@@ -63,6 +63,13 @@ def test_a_spring_is_felt_within_what_one_notices() -> None:
             assert stretch_n - 1e-9 <= felt_n <= 1.06 * stretch_n + 0.08 + 1e-9
 
 
+def test_a_force_that_passivity_holds_back_is_not_smoothed_too() -> None:
+    hand = Hand(RenderingSettings())
+    hand.feel(3.0, ticks=300, speed_m_s=-0.02)
+    (hit,) = hand.hits
+    assert (hit.rule, hit.requested, hit.applied) == ("rendered_energy", 3.0, 0.0)
+
+
 CONTACT = st.none() | st.floats(-10.0, 10.0) | st.sampled_from([nan, inf, -inf, 1e308, -1e308])
 STEP = st.tuples(
     CONTACT,

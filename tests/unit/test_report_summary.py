@@ -213,6 +213,30 @@ def test_line_is_amber_at_missed_ticks(report: RunReport, found: dict[str, objec
     assert (len(amber_lines(report.model_copy(update=found))) == 1) == amber
 
 
+@pytest.mark.parametrize(
+    ("events", "words"),
+    [
+        ([("rendered_energy", 75, 2.0, 0.0), ("rendered_force", 7, 9.0, 4.0)], ("75 %", "passive")),
+        ([("rendered_force", 3, 9.0, 4.0), ("rendered_force", 2, -12.0, -4.0)], ("max_force_n = 4 ", "12,")),
+        ([("rendered_step", 25, 2.0, 1.0)], ("25 %", "max_slew_n_s")),
+        ([("rendered_late", 100, 2.0, 1.0), ("rendered_energy", 4, 2.0, 1.0)], ()),
+    ],
+)
+def test_limit_that_changes_much_of_the_felt_force_is_named_with_its_setting(
+    run: Recorded, events: list[tuple[str, int, float, float]], words: tuple[str, ...]
+) -> None:
+    for t_ms in range(100):
+        run.haptics(t_ms, t_ms + 1, 0.5, 0.4)
+    for rule, count, requested, applied in events:
+        forces = {"requested": requested, "applied": applied, "unit": "N"}
+        run.say(topics.MASTER_LIMIT, 5, rule=rule, count=count, **forces)
+    report = run.report()
+    lines = amber_lines(report)
+    assert len(lines) == min(len(words), 1)
+    assert all(word in line for line in lines for word in words)
+    assert set(lines) <= set(report.notes)
+
+
 def test_slave_that_was_never_armed_fails_the_run(run: Recorded, report: RunReport) -> None:
     require_armed(report)
     never = report.model_copy(update={"armed_share": None})

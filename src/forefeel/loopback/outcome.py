@@ -18,10 +18,12 @@ def require_armed(report: RunReport) -> None:
 
 
 def amber_lines(report: RunReport) -> list[str]:
-    """Lines on a fault of the slave and on a host too slow for a loop; what became of the motion stands in
-    the ten lines.
+    """Lines on a fault of the slave, else on a limit of the force at the hand, and on a host too slow for a
+    loop; what became of the motion stands in the ten lines.
     """
     lines = fault_texts(report.safety_events)
+    if report.hand_limited and not lines:  # a reversed force is both
+        lines.append(report.hand_limited)
     if _is_slow(report.loop.master) or _is_slow(report.loop.slave):
         lines.append(f"This host was too slow for 1 kHz: {'; '.join(_lateness(report))}.")
     return lines

@@ -87,7 +87,8 @@ class AxisReport(_Part):
 
     `transparency`: by the twin, None without a simulated world; `transparency_as_measured`: by the measured
     force. `hand_energy_j`: that the hand had put into the handle at
-    the end, and at its lowest (negative: given). `settings`: that both ends agreed on, JSON. `calibrations`:
+    the end, and at its lowest (negative: given). `hand_limited`: sentence on the limit that changed the force
+    at the hand for 5 % of the commands or more. `settings`: that both ends agreed on, JSON. `calibrations`:
     that drivers of the slave had loaded, see `forefeel.common.messages.Calibration`.
     """
 
@@ -102,6 +103,7 @@ class AxisReport(_Part):
     predictor: PredictorFigures = PredictorFigures()
     hand_energy_j: float | None = None
     hand_lowest_energy_j: float | None = None
+    hand_limited: str = ""
     delay_s: Spread = Spread()
     force_age_s: Spread = Spread()
     armed_share: float | None = None

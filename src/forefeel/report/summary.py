@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable
+from operator import itemgetter
 from typing import Any, TypeVar
 
 import numpy as np
@@ -13,6 +14,7 @@ from forefeel.common.topics import (
     HAPTICS,
     LIMIT_EVENT,
     MASTER_IMPAIRMENT,
+    MASTER_LIMIT,
     MASTER_STATE,
     MASTER_TIMING,
     PARAMETERS,
@@ -39,12 +41,20 @@ from forefeel.report.score import PredictionComparison, compare, scored, spread
 from forefeel.report.states import armed_share
 from forefeel.report.traces import AxisTraces, CommandTraces, axis_traces, run_span_ns, sent_ns
 from forefeel.report.transparency import against_twin, as_measured
-from forefeel.report.wording import fault_texts
+from forefeel.report.wording import fault_texts, share
 
 SETTLING_S = 3.0
 """From the first scored command to the first one that counts as settled."""
 _SILENT_S = 1.0  # A master that is silent for so long has missed ten of its states
 MOST_EVENTS = 100
+_LIMITED_SHARE = 0.05  # a simulated vessel comes to 0.2 %
+_HAND_LIMITS = {
+    "rendered_force": "cut off: rendering.max_force_n = {applied:.3g} would have to be {requested:.3g}, or "
+    "rendering.force_scale less",
+    "rendered_step": "smoothed: rendering.max_slew_n_s would have to be higher",
+    "rendered_energy": "kept passive: the hand had not put in the energy that it would have been given, as "
+    "by a constant push or an offset of the load cell; no setting allows that",
+}
 M = TypeVar("M", bound=Message)
 _IMPAIRMENTS = (("master", MASTER_IMPAIRMENT), ("slave", SLAVE_IMPAIRMENT))
 _OF_EVENT = {"before", "event", "after", "reason"}
@@ -94,6 +104,7 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
     energy_j = traces.commands.energy_j[np.isfinite(traces.commands.energy_j)].tolist()
     handshake = last(run.messages(axis, SLAVE_HANDSHAKE))
     events = _safety_events(run, axis, traces.start_ns)
+    limited = _hand_limited(run, axis, commands.sent)
     return AxisReport(
         axis=axis,
         commands=commands,
@@ -106,6 +117,7 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
         predictor=_predictor_figures(run, axis, traces.commands),
         hand_energy_j=energy_j[-1] if energy_j else None,
         hand_lowest_energy_j=min(energy_j, default=None),
+        hand_limited=limited,
         delay_s=spread(traces.delay_s),
         force_age_s=spread(traces.force_age_s),
         armed_share=armed_share(
@@ -119,6 +131,7 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
         calibrations=_calibrations(run, axis),
         notes=(
             *fault_texts(events),
+            *filter(None, [limited]),
             *_notes(run, axis, commands, handshake),
             *_silent_master(run, axis, traces),
         ),
@@ -135,6 +148,23 @@ def _compare(commands: CommandTraces) -> tuple[PredictionComparison, PredictionC
         return PredictionComparison(), PredictionComparison()
     late = commands.time_s - commands.time_s[rows[0]] > SETTLING_S - 1e-6  # stamps are rounded to ns
     return compare(*forces), compare(*(force[late] for force in forces))
+
+
+def _hand_limited(run: Run, axis: str, sent: int) -> str:
+    """Sentence on the limit that changed the force at the hand most often, with its setting; empty where that
+    was for less than 5 % of the commands.
+    """
+    counts, most = Counter[str](), {"requested": 0.0, "applied": 0.0}
+    for event in run.messages(axis, MASTER_LIMIT):
+        if event.rule in _HAND_LIMITS:
+            counts[event.rule] += event.count
+        if event.rule == "rendered_force":
+            most = {name: max(value, abs(getattr(event, name))) for name, value in most.items()}
+    rule, count = max(counts.items(), key=itemgetter(1), default=("", 0))
+    if not rule or count < _LIMITED_SHARE * sent:
+        return ""
+    of = share(count / sent) if sent else "all"
+    return f"For {of} of the commands the force at the hand was {_HAND_LIMITS[rule].format(**most)} ({rule})."
 
 
 def _predictor_figures(run: Run, axis: str, commands: CommandTraces) -> PredictorFigures:
