@@ -237,6 +237,8 @@ class SlaveAxis:
         command, released = self._receiver.slot.take()
         conflict = self._receiver.conflict
         live = conflict is None and self._session.live(now_ns)
+        if (stop := self._estop.take()) is not None:
+            self.events.stop_taken(stop, self.state is SafetyState.ESTOPPED, now_ns)
         return ControlInputs(
             command=command,
             released=released,
@@ -247,7 +249,7 @@ class SlaveAxis:
             session_live=live,
             lost_reason="" if live else conflict or self._session.lost_reason,
             clock=self._session.offset,
-            estop=self._estop.take(),
+            estop=stop,
             fault=self._fault.take() or self._event_sink.problem or self._session.clock_fault(now_ns),
             shutdown=self.shutdown,
             clear=cleared,

@@ -14,6 +14,7 @@ from forefeel.common.slots import BoundedQueue
 from forefeel.slave.control import ControlOutputs
 from forefeel.slave.devices import DeviceWatch
 
+_STOP_NS = 1_000_000_000  # ns within which one stop is repeated: every 250 ms or more often
 _MINUTE_NS = 60_000_000_000  # ns in a minute, the interval of what fails at every tick
 
 
@@ -24,6 +25,7 @@ class SlaveEvents(AxisEvents):
         super().__init__(bus, topics.LIMIT_EVENT, event_sink, axis)
         self._safety = bus.publisher(topics.SAFETY_EVENT)
         self._transitions: BoundedQueue[tuple[Transition, int]] = BoundedQueue(256)
+        self._stop_taken_ns = 0
         self._faults: RepeatedEvents = EventCoalescer(_MINUTE_NS)
         key = topics.CONTROL_CYCLE.key(cell, axis)
         self._add_cycle = event_sink.rings.ring(key).add if event_sink.rings is not None else None
@@ -42,6 +44,14 @@ class SlaveEvents(AxisEvents):
 
     def stop_asked(self, by: str, reason: str) -> None:
         self._repeat("emergency_stop", "any", by=by, reason=reason)
+
+    def stop_taken(self, reason: str, stopped: bool, now_ns: int) -> None:
+        """Adds a notice for a stop of an axis that is `stopped` already, which is no transition; none within
+        1 s after another stop, for who sends one repeats it.
+        """
+        if stopped and now_ns - self._stop_taken_ns > _STOP_NS:
+            self.notices.add(f"stopped already; emergency stop: {reason}")
+        self._stop_taken_ns = now_ns
 
     def device_fault(self, device: str, reason: str) -> None:
         self._faults.add(("device_fault", device), {"reason": reason})

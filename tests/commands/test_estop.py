@@ -10,16 +10,19 @@ from unittest.mock import create_autospec
 import pytest
 
 from forefeel.__main__ import main
-from forefeel.common.codec import Codec
+from forefeel.common.codec import Codec, encode
 from forefeel.common.errors import RunError
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.folder import state_path
+from forefeel.common.topics import SLAVE_STATE
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.daemon_settings import load_any
 from forefeel.estop import command
 from forefeel.estop.client import Answer, Request
+from forefeel.estop.network import Stopper
 from tests.commands.command_line import group
 from tests.commands.conftest import Shell
+from tests.messages import usual
 from tests.unit.failing import refusing
 
 SLAVE = "role: slave\nstate: {directory: st}\ntransport: {listen: ['tcp/127.0.0.1:1']}\n"
@@ -94,6 +97,27 @@ def test_stop_that_nobody_confirms_fails_loudly(
     assert shown.code == 1
     assert "over the network" in why and "NOT CONFIRMED" in failed
     silent.close.assert_called_once()
+
+
+@pytest.mark.parametrize("axis", ["", "--axis insertion"])
+def test_stop_of_a_cell_that_is_stopped_reaches_it_all_the_same(
+    shell: Shell, monkeypatch: pytest.MonkeyPatch, axis: str
+) -> None:
+    network = create_autospec(ZenohTransport, instance=True, notice="", codec=Codec)
+    key, state = SLAVE_STATE.key("cathlab", "insertion"), encode(usual(SLAVE_STATE, state="estopped"))
+    put, publish = network.publisher.return_value, Stopper.publish
+
+    def publish_and_link(stopper: Stopper, now_ns: int) -> None:
+        """The link is up after the first stop, which is lost."""
+        publish(stopper, now_ns)
+        if not stopper.states:
+            put.reset_mock()
+            stopper.hear(key, state, 0)
+
+    monkeypatch.setattr(Stopper, "publish", publish_and_link)
+    monkeypatch.setattr("forefeel.estop.network.ZenohTransport.open", lambda *_, **__: network)
+    assert shell(f"estop --cell cathlab --connect tcp/127.0.0.1:1 --insecure {axis}").code == 0
+    put.assert_called_once()
 
 
 @pytest.mark.parametrize(

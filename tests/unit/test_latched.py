@@ -41,6 +41,19 @@ def test_a_flood_of_stops_is_coalesced_and_the_first_stops_at_once() -> None:
     assert (asked[0]["by"], asked[0]["reason"]) == ("nurse", "press 0")
 
 
+def test_a_stop_of_a_stopped_axis_is_told_once_for_all_its_repetitions() -> None:
+    rig = SlaveRig().armed()
+    told = []
+    for reason in ("kinked", "again", "once more"):
+        for _ in range(8):
+            rig.stop(reason)
+            rig.step(250)
+        rig.step(1000)
+        told.append([line for line in rig.axis.events.notices.drain() if reason in line])
+    assert [len(lines) for lines in told] == [1, 1, 1]
+    assert "-> estopped" in told[0][0] and "stopped already" in told[1][0]
+
+
 def test_refusals_and_transitions_are_logged() -> None:
     book = Book()
     rig = SlaveRig(event_sink=book).armed()
