@@ -134,6 +134,12 @@ class Recording:
         return float(self.time_s[-1] - self.time_s[0])
 
     @property
+    def sampled_s(self) -> float:
+        """`duration_s` without the gaps, such as those between joined recordings."""
+        intervals_s = np.diff(self.time_s)
+        return float(intervals_s[intervals_s <= max(GAP_S, 2.0 / self.rate_hz) + _ROUNDING_S].sum())
+
+    @property
     def rate_hz(self) -> float:
         """The inverse of the median interval: gaps do not bias it."""
         return float(1.0 / np.median(np.diff(self.time_s)))

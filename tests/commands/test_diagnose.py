@@ -105,11 +105,13 @@ def test_recordings_answer_together_what_none_answers_alone(shell: Shell) -> Non
         put(shell.folder / f"{i}.csv", one_sine(*stroke))
     masses = []
     for files in ("0.csv", "0.csv 1.csv 2.csv --together"):
-        assert shell(f"diagnose {files} --no-page --no-replay --out out --overwrite").code == 0
+        shown = shell(f"diagnose {files} --no-page --no-replay --out out --overwrite")
+        assert shown.code == 0
         assert causes(shell.folder / "out") == ["coulomb_friction"]
         masses.append(document(shell.folder / "out")["extended"]["intervals"]["mass_kg"])
     assert masses[0]["low"] <= 0.0 < masses[1]["low"] < 0.02 < masses[1]["high"] < 0.025
     assert "gaps" not in document(shell.folder / "out")["flags"]
+    assert "7500 samples, 30.0 s" in shown.out
 
 
 @pytest.mark.usefixtures("one_process")

@@ -63,5 +63,6 @@ def test_recording_mistake_is_named_by_its_place(
 def test_duration_and_rate_ignore_a_gap_where_they_should_and_a_rounded_interval_is_none() -> None:
     made = recording([1.0, 1.01, 1.02, 5.0, 5.01], [0] * 5)
     assert len(made) == 5
-    assert (made.duration_s, made.rate_hz) == pytest.approx((4.01, 100.0))
+    assert (made.duration_s, made.sampled_s, made.rate_hz) == pytest.approx((4.01, 0.03, 100.0))
+    assert recording([0.0, 0.5, 1.0], [0.0] * 3).sampled_s == 1.0
     assert recording([0.1 * i for i in range(50)], [0.0] * 50).segments(0.1) == [slice(0, 50)]

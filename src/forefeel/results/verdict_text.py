@@ -106,7 +106,7 @@ def answer(
     below = _CAUSES_BELOW.get(diagnosis.verdict)
     with units_of(recording.columns):
         return [
-            f"{printable(recording.name)}: {len(recording)} samples, {recording.duration_s:.1f} s, "
+            f"{printable(recording.name)}: {len(recording)} samples, {recording.sampled_s:.1f} s, "
             f"{recording.rate_hz:.4g} Hz",
             f"Verdict     {diagnosis.verdict}. {below or headline(diagnosis)}",
             *labelled(answer_lines(diagnosis, across, given)),
