@@ -39,6 +39,8 @@ def test_good_files_are_evaluated_and_bad_ones_skipped(shell: Shell) -> None:
     assert "No such file" in skipped["missing"]
     assert "line 3" in skipped["broken"]
     assert shown.err.count("skipped: ") == 5
+    delays = [line for line in shown.err.splitlines() if line.startswith("contact: replaying")]
+    assert delays == [f"contact: replaying, delay {number} of 6" for number in range(1, 7)]
     row = next(line for line in shown.out.splitlines() if line.startswith("| contact"))
     methods, by_delay = (found["recordings"]["contact"][name] for name in ("methods", "by_delay"))
     for name in "paper", "mbk_bias", "forefeel":

@@ -111,12 +111,17 @@ def _read(
 def _evaluate(
     prepared: dict[str, tuple[Prepared, Prepared]], model: ContactModel | None, links: Sequence[DelayedLink]
 ) -> dict[str, Evaluated]:
-    """Evaluates each recording by every method, with a bar on the terminal; results by the file's stem."""
+    """Evaluates each recording by every method, with a line for each delay, and a bar on the terminal;
+    results by the file's stem.
+    """
     number = count()
     with bar(len(prepared) * len(links) * len(METHODS)) as show:
 
         def tell(stem: str, method: str) -> None:
-            show(next(number), f"{stem}: {method}")
+            done = next(number)
+            show(done, f"{stem}: {method}")
+            if done % len(METHODS) == 0:
+                say(f"{stem}: replaying, delay {done // len(METHODS) % len(links) + 1} of {len(links)}")
 
         return {
             stem: evaluate(usual, model, partial(tell, stem), links, longest)
