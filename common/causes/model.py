@@ -100,7 +100,10 @@ def _entry(value: object, place: str) -> EffectEntry:
     kind = _kind(fields["effect"], f"{place}.effect")
     site = _checked_site(fields.get("site"), kind, f"{place}.site")
     where = f"{place}.parameters"
-    parameters = kind.complete(_mapping(fields.get("parameters", {}), where), where)
+    given = _mapping(fields.get("parameters", {}), where)
+    for key in given.keys() & {"site", "column"}:
+        raise ValueError(f"{where}.{key}: no parameter, expected as {place}.{key}, beside parameters")
+    parameters = kind.complete(given, where)
     column = fields.get("column", "")
     if issubclass(kind, WithColumn) != bool(column) or not isinstance(column, str):
         expected = "the name of a column" if issubclass(kind, WithColumn) else "none"

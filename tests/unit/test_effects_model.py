@@ -102,6 +102,10 @@ def test_a_mapping_comes_back_with_its_defaults() -> None:
         (mapping({**CONTACT, "site": "wall"}), "effects[0].site = 'wall': contact_loss adds no force, "),
         (mapping({"effect": "bias", "parameters": 1}), "effects[0].parameters = 1: "),
         (
+            mapping({"effect": "with_column", "parameters": {"column": "rotation", "slope": 2.0}}),
+            "effects[0].parameters.column: no parameter, expected as effects[0].column, ",
+        ),
+        (
             mapping(WALL, VALVE, effect("backlash", width_m=-1)),
             "effects[2].parameters.width_m = -1: expected ",
         ),
