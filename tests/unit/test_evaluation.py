@@ -54,7 +54,8 @@ def test_loss_takes_its_share() -> None:
     [
         ({"delay_s": -0.1}, "delay_s = -0.1"), ({"delay_s": float("nan")}, "delay_s = nan"),
         ({"delay_s": 31.0}, "0 to 30 s"), ({"delay_s": 0.3, "jitter_s": float("inf")}, "jitter_s = inf"),
-        ({"delay_s": 0.3, "loss": 1.0}, "loss = 1"), ({"delay_s": 0.3, "loss": float("nan")}, "loss = nan"),
+        ({"delay_s": 0.3, "loss": 1.0}, "loss = 1: expected a probability from 0 to below 1, 0.01 for 1 %"),
+        ({"delay_s": 0.3, "loss": float("nan")}, "loss = nan"),
         ({"delay_s": 0.3, "seed": -1}, "seed = -1"),
     ],
 )  # fmt: skip

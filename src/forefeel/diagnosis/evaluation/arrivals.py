@@ -40,7 +40,9 @@ class DelayedLink:
             if not 0.0 <= value <= LONGEST_S:
                 raise ConfigurationError(f"{name} = {value:g}: expected 0 to {LONGEST_S:g} s")
         if not 0.0 <= self.loss < 1.0:
-            raise ConfigurationError(f"loss = {self.loss:g}: expected a probability from 0 to below 1")
+            raise ConfigurationError(
+                f"loss = {self.loss:g}: expected a probability from 0 to below 1, 0.01 for 1 %"
+            )
         if self.seed < 0:
             raise ConfigurationError(f"seed = {self.seed}: expected 0 or more")
 
