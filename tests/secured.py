@@ -100,10 +100,10 @@ class Secured:
         return self._stack.enter_context(session)
 
     def attacker(
-        self, connect: str, pki: Path | None, role: PartyRole = "viewer", authority: Path | None = None
+        self, connect: str, pki: Path | None = None, role: PartyRole = "viewer", authority: Path | None = None
     ) -> zenoh.Session:
         """A bare session with a certificate, or none, that follows no rule of ours: what it may not do, the
-        other end has to refuse.
+        other end has to refuse. Without `pki` and `authority` it is not encrypted.
         """
         return self._stack.enter_context(zenoh.open(bare_config(connect, pki, role, authority)))
 
@@ -121,14 +121,23 @@ def sessions() -> Iterator[Secured]:
         opened.close()
 
 
+def connected(session: zenoh.Session) -> bool:
+    return bool(session.info.transports())
+
+
 def bare_config(connect: str, pki: Path | None, role: PartyRole, authority: Path | None) -> zenoh.Config:
     """TLS without access control of its own; `authority`: whom it trusts, where that is not its own."""
-    tls: object = {"root_ca_certificate": str(authority)}
-    if pki is not None:
-        tls = secured(Party(role, (CELL,)), identity(pki, role, authority))["transport/link/tls"]
     config = zenoh.Config()
-    paths = {**FIXED, "mode": "client", "connect/endpoints": [connect], "transport/link/tls": tls}
-    paths |= {"connect/timeout_ms": 0, "connect/exit_on_failure": False, "mode": "peer"}
+    paths = {**FIXED, "mode": "peer", "connect/endpoints": [connect]}
+    paths |= {"connect/timeout_ms": 0, "connect/exit_on_failure": False}
+    if pki is not None:
+        paths |= {
+            "transport/link/tls": secured(Party(role, (CELL,)), identity(pki, role, authority))[
+                "transport/link/tls"
+            ]
+        }
+    elif authority is not None:
+        paths |= {"transport/link/tls": {"root_ca_certificate": str(authority)}}
     for path, value in paths.items():
         config.insert_json5(path, json.dumps(value))
     return config

@@ -13,7 +13,7 @@ import zenoh
 from forefeel.common.topics import COMMAND, EMERGENCY_STOP, FORCE, SAFETY_EVENT, Qos
 from forefeel.common.transport.security import PartyRole
 from forefeel.common.transport.zenoh_bus import ZenohTransport
-from tests.secured import CELL, Secured, expired_pki, free_endpoint, make_pki, sessions
+from tests.secured import CELL, Secured, connected, expired_pki, free_endpoint, make_pki, sessions
 from tests.waiting import wait_until
 
 COMMANDED = COMMAND.taken_key(CELL, "insertion")
@@ -70,10 +70,6 @@ def overhear(session: zenoh.Session, key: str) -> "zenoh.Subscriber[zenoh.handle
     """What others put; not what the session puts itself."""
     channel: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(1000)
     return session.declare_subscriber(key, channel, allowed_origin=zenoh.Locality.REMOTE)
-
-
-def connected(session: zenoh.Session) -> bool:
-    return bool(session.info.transports())
 
 
 def test_stranger_without_valid_certificate_is_not_connected(net: Secured, tmp_path: Path) -> None:

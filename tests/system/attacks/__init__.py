@@ -1,1 +1,0 @@
-"""The attack matrix: `python -m tests.system.attacks`."""

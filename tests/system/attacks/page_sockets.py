@@ -23,7 +23,7 @@ _FILES = 1024  # open ones that most hosts allow a process
 _MOST_S = 1.0  # until the page answers
 _MOST_LINES = 2  # the link, and that connections were closed
 _EVERY_S = 2.0
-_REQUESTS = ("/", "GET"), ("/page.js", "GET"), ("/stop", "POST")
+_PATIENCE_S = 5.0
 
 
 def rows() -> Iterator[Row]:
@@ -54,50 +54,52 @@ def _attacked(attack: Callable[[int, str, ExitStack], None], duration_s: float, 
         resource.prlimit(pid, resource.RLIMIT_NOFILE, (_FILES, _FILES))
         url = f"ws://127.0.0.1:{served.port}/conversation"
         viewer = held.enter_context(connect(url))
-        failures = [*_conversed(viewer)]
+        failures = dict.fromkeys(
+            _conversed(viewer)
+        )  # before the attack, or it would be one more that is silent
         start_s, worst_s = time.monotonic(), 0.0
         attacker = threading.Thread(target=attack, args=(served.port, url, held), daemon=True)
         attacker.start()
         while time.monotonic() - start_s < duration_s:
-            for path, method in _REQUESTS:
-                worst_s = max(worst_s, _answered_s(f"{served.url}{path[1:]}", method))
-            worst_s = max(worst_s, _opened_s(url))
-            failures += _conversed(viewer)
+            took_s = [_took_s(partial(_request, f"{served.url}{path}")) for path in ("", "page.js")]
+            # the stop waits 2 s for a slave's answer, which is not the page's
+            took_s.append(_took_s(partial(_request, f"{served.url}stop", "POST")) - 2.0)
+            worst_s = max(worst_s, *took_s, _took_s(partial(_open, url)))
+            failures |= dict.fromkeys(_conversed(viewer))
             time.sleep(_EVERY_S)
         attacker.join()
         log, files = served.process.text, len(list(Path(f"/proc/{pid}/fd").iterdir()))
     lines, tracebacks = log.count("\n"), log.count("Traceback")
     if worst_s >= _MOST_S:
-        failures.append(f"answers after {worst_s:.2f} s, required {_MOST_S:g}")
+        failures[f"answers after {worst_s:.2f} s, required {_MOST_S:g}"] = None
     if tracebacks or lines > _MOST_LINES:
-        failures.append(f"{lines} lines and {tracebacks} tracebacks in the log")
-    return Result(f"answers within {worst_s:.2f} s, {files} files, {lines} lines", [*dict.fromkeys(failures)])
-
-
-def _answered_s(url: str, method: str) -> float:
-    """The stop waits for a slave's answer, which is not the page's: `/stop` is judged less its 2 s."""
-    start_s = time.monotonic()
-    with suppress(OSError):
-        with urllib.request.urlopen(urllib.request.Request(url, method=method), timeout=5.0) as answer:
-            answer.read()
-        return time.monotonic() - start_s - 2.0 * (method == "POST")
-    return 5.0
-
-
-def _opened_s(url: str) -> float:
-    """Until a new page has its facts."""
-    start_s = time.monotonic()
-    try:
-        with connect(url, open_timeout=5.0) as page:
-            page.recv(5.0)
-            return time.monotonic() - start_s
-    except Exception:  # noqa: BLE001 - refused, reset or too late, it is no page
-        return 5.0
+        failures[f"{lines} lines and {tracebacks} tracebacks in the log"] = None
+    return Result(f"answers within {worst_s:.2f} s, {files} files, {lines} lines", [*failures])
 
 
 def _conversed(viewer: ClientConnection) -> Iterator[str]:
     try:
         viewer.send("{}")
-        viewer.recv(5.0)
+        viewer.recv(_PATIENCE_S)
     except Exception as error:  # noqa: BLE001 - whatever ends it
         yield f"an open page was lost: {type(error).__name__}"
+
+
+def _took_s(ask: Callable[[], object]) -> float:
+    start_s = time.monotonic()
+    try:
+        ask()
+    except Exception:  # noqa: BLE001 - refused, reset or too late, it is no answer
+        return _PATIENCE_S
+    return time.monotonic() - start_s
+
+
+def _request(url: str, method: str = "GET") -> None:
+    with urllib.request.urlopen(urllib.request.Request(url, method=method), timeout=_PATIENCE_S) as answer:
+        answer.read()
+
+
+def _open(url: str) -> None:
+    """Opens a page, and waits until it has its facts."""
+    with connect(url, open_timeout=_PATIENCE_S) as page:
+        page.recv(_PATIENCE_S)

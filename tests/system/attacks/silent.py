@@ -14,28 +14,20 @@ _PAUSE_S = 0.01
 """After so many, so that it is the connections that are tried here and not the processor."""
 
 
-def connected(host: str, port: int, count: int) -> list[socket.socket]:
-    """As many as the limits of this process and the other end give."""
+def main() -> None:
+    """Opens as many as the limits of this process and the other end give."""
+    host, port, count = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
     hard = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (hard, hard))
-    found: list[socket.socket] = []
-    while not found:  # from the first moment of who is not up yet
-        with suppress(ConnectionRefusedError):
-            found.append(socket.create_connection((host, port)))
+    connections = [socket.create_connection((host, port))]
     with suppress(OSError):  # no descriptor or port is left
-        while len(found) < count:
-            found.append(socket.socket())
-            found[-1].setblocking(False)
-            found[-1].connect_ex((host, port))
-            if len(found) % _AT_ONCE == 0:
+        while len(connections) < count:
+            connections.append(socket.socket())
+            connections[-1].setblocking(False)
+            connections[-1].connect_ex((host, port))
+            if len(connections) % _AT_ONCE == 0:
                 time.sleep(_PAUSE_S)
-    return found
-
-
-def main() -> None:
-    host, port, count = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
-    held = connected(host, port, count)
-    print(f"{len(held)} connections", flush=True)
+    print(f"{len(connections)} connections", flush=True)
     time.sleep(600.0)  # for somebody who forgets to end it
 
 

@@ -1,15 +1,21 @@
 """Attacks on real processes over real Zenoh: plain on loopback, and over mutual TLS."""
 
 import re
+import shutil
+import subprocess
+import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
+from datetime import timedelta
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import zenoh
 
+from forefeel.common.clock import now_utc
 from forefeel.common.codec import encode
 from forefeel.common.events.sink import SAFETY
 from forefeel.common.messages import MotionCommand
@@ -26,12 +32,14 @@ from forefeel.common.topics import (
     SLAVE_TIMING,
     Topic,
 )
+from forefeel.common.transport.pki import AUTHORITY
+from forefeel.common.transport.security import PartyRole
+from forefeel.pki.folder import AUTHORITY_KEY
 from tests.event_lines import read_events
-from tests.live_cell import AXIS, CELL, LiveCell, Process
+from tests.live_cell import AXIS, CELL, ROOT, LiveCell
 from tests.messages import usual
+from tests.secured import connected, make_pki, sessions
 from tests.simulation.attack_outcome import Expected, Outcome
-from tests.system.attacks.flood import flood
-from tests.system.attacks.stranger import CONNECTED, HEARING, PAPERS, Stranger, stranger, tls_of
 from tests.system.rows import Result, Row
 from tests.waiting import wait_until
 
@@ -46,24 +54,24 @@ _CONTROL = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e]")
 class Scene:
     """A live cell that is armed, a stranger at the slave's door, and what is seen from then on."""
 
-    def __init__(self, name: str, cell: LiveCell, attacker: Stranger) -> None:
+    def __init__(self, name: str, cell: LiveCell, attacker: zenoh.Session) -> None:
         self.cell, self.attacker = cell, attacker
         self.outcome = Outcome(name)
         self.forged: set[tuple[int, int]] = set()
+        self._slave = cell.started[0]
         cell.await_state("armed")
         self.from_ns = time.monotonic_ns()
         self._before = self._counters()
-        self._resident_mb = self._slave().resident_mb()
-
-    def _slave(self) -> Process:
-        return next(p for p in reversed(self.cell.started) if p.role == "slave")
+        self._resident_mb = self._slave.resident_mb()
 
     def _counters(self) -> dict[str, int]:
         newest = self.cell.newest_state()
         return {} if newest is None else dict(newest[1].counters)
 
-    def put(self, topic: Topic[Any], payload: bytes) -> None:
-        self.attacker.put(topic.taken_key(CELL, AXIS), payload)
+    def put(self, topic: Topic[Any] | str, payload: bytes) -> None:
+        """Puts it on the slave's key of a topic, or on any key."""
+        key = topic if isinstance(topic, str) else topic.taken_key(CELL, AXIS)
+        self.attacker.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK, express=True)
 
     def command(self, **changes: object) -> bytes:
         """A forged command: right session, numbered and stamped ahead, away from here."""
@@ -74,47 +82,45 @@ class Scene:
         return encode(forged)
 
     def flood(self, topic: Topic[Any], rate_hz: float, payloads: Sequence[bytes]) -> int:
-        """By a process of its own for some seconds; how many it put."""
-        put = flood(self.cell.endpoint, topic.taken_key(CELL, AXIS), rate_hz, _FLOOD_S, payloads)
-        self.outcome.note = f"{put / _FLOOD_S:.0f} a second,"
-        return put
-
-    def _logged(self) -> Counter[str]:
-        """What the slave's event log says since the scene began: transitions, refusals, and what else."""
-        noted = read_events(self.cell.folder / "state-slave" / EVENTS)
-        return Counter(
-            str(each.details.get("event" if each.event == SAFETY else "name", each.event))
-            for each in noted
-            if each.monotonic_ns >= self.from_ns
+        """Puts them by a process of its own for some seconds; how many it put."""
+        key, module = topic.taken_key(CELL, AXIS), "tests.system.attacks.flood"
+        command = [sys.executable, "-m", module, self.cell.endpoint, key, str(rate_hz), str(_FLOOD_S)]
+        lines = "\n".join(payload.hex() for payload in payloads)
+        done = subprocess.run(
+            command, input=lines, capture_output=True, text=True, cwd=ROOT, timeout=_FLOOD_S + 60, check=True
         )
+        self.outcome.note = f"{int(done.stdout) / _FLOOD_S:.0f} a second,"
+        return int(done.stdout)
 
     def _await_count(self, expected: Expected) -> None:
         """What was put last is read and counted within a second or two, on a machine that others use, too."""
         time.sleep(_SETTLE_S)
-        deadline_s, wanted = time.monotonic() + 2.0, self._before.get(expected.counted, 0) + expected.times
-        while self._counters().get(expected.counted, wanted) < wanted and time.monotonic() < deadline_s:
-            time.sleep(0.05)
+        wanted = self._before.get(expected.counted, 0) + expected.times
+        with suppress(AssertionError):
+            wait_until(lambda: self._counters().get(expected.counted, wanted) >= wanted, 2.0, every_s=0.05)
 
     def end(self, expected: Expected) -> Outcome:
-        outcome, cell = self.outcome, self.cell
+        outcome, cell, from_ns = self.outcome, self.cell, self.from_ns
         self._await_count(expected)
-        states = [m.state.value for m in cell.since(SLAVE_STATE, self.from_ns)]
+        states = [m.state.value for m in cell.since(SLAVE_STATE, from_ns)]
         outcome.armed = states.count("armed") / max(len(states), 1)
         outcome.ends = states[-1] if states else "silent"
         now = self._counters()
         outcome.counters = {k: n - self._before.get(k, 0) for k, n in now.items() if k.startswith(_OURS)}
-        rules = [m.rule for m in cell.since(LIMIT_EVENT, self.from_ns) if f"refused_{m.rule}" in now]
-        events = [m.event for m in cell.since(SAFETY_EVENT, self.from_ns)]
-        outcome.told = {name: (rules + events).count(name) for name in dict.fromkeys(rules + events)}
-        outcome.logged = self._logged()
-        answered = {(m.answers_sequence, m.answers_stamp_ns) for m in cell.since(FORCE, self.from_ns)}
+        outcome.told = Counter(m.rule for m in cell.since(LIMIT_EVENT, from_ns) if f"refused_{m.rule}" in now)
+        outcome.told += Counter(m.event for m in cell.since(SAFETY_EVENT, from_ns))
+        outcome.logged = Counter(
+            str(entry.details.get("event" if entry.event == SAFETY else "name", entry.event))
+            for entry in read_events(cell.folder / "state-slave" / EVENTS)
+            if entry.monotonic_ns >= from_ns
+        )
+        answered = {(m.answers_sequence, m.answers_stamp_ns) for m in cell.since(FORCE, from_ns)}
         outcome.executed = len(self.forged & answered)
-        outcome.require(self._slave().running, "the slave has ended")
-        growth_mb = self._slave().resident_mb() - self._resident_mb
+        outcome.require(self._slave.running, "the slave has ended")
+        growth_mb = self._slave.resident_mb() - self._resident_mb
         outcome.require(growth_mb < _GROWTH_MB, f"the slave grew by {growth_mb:.0f} MB")
-        timing = cell.since(SLAVE_TIMING, self.from_ns)
         outcome.note += f" grew {growth_mb:.1f} MB"
-        if timing:
+        if timing := cell.since(SLAVE_TIMING, from_ns):
             outcome.note += f", loop p99 {timing[-1].p99_us:.0f} us since its start"
         return outcome.judge(expected)
 
@@ -129,8 +135,8 @@ def wildcards(scene: Scene) -> Outcome:
     stop = encode(usual(EMERGENCY_STOP))
     keys = ("forefeel/**", "forefeel/*/*/any/estop", "forefeel/ce$*/*/any/estop", f"forefeel/{CELL}/**", "**")
     for key in keys:
-        scene.attacker.put(key, stop)
-    scene.attacker.put(f"forefeel/{CELL}/*/master/command", scene.command())
+        scene.put(key, stop)
+    scene.put(f"forefeel/{CELL}/*/master/command", scene.command())
     return scene.end(Expected(armed=_ARMED))
 
 
@@ -186,58 +192,72 @@ PLAIN: dict[str, Callable[[Scene], Outcome]] = {
 }
 
 
-def _all_that_moves(scene: Scene, act: Stranger) -> None:
-    """Commands numbered ahead, a session of his own, heartbeats, what the slave says."""
-    for i in range(100):
-        scene.put(COMMAND, scene.command())
-        scene.put(MASTER_HANDSHAKE, handshake(4711 + i, i))
-        scene.put(MASTER_HEARTBEAT, b"x")
-        act.put(f"forefeel/{CELL}/**", scene.command())
-        time.sleep(0.005)
+HEARING = frozenset({"viewer", "recorder"})
+CONNECTED = HEARING | {"another cell's master"}
+"""Of these the authority is the right one: access control is what keeps them out."""
+PAPERS: dict[str, PartyRole] = {
+    "no certificate": "master",
+    "a certificate of another authority": "master",
+    "an expired certificate": "master",
+    "another cell's master": "master",
+    "viewer": "viewer",
+    "recorder": "recorder",
+}
 
 
-def with_papers(scene: Scene, papers: str) -> Outcome:
-    """What he puts must reach nobody: not even a counter of ours moves."""
-    heard: list[bytes] = []
-    subscriber: Any = scene.attacker.session.declare_subscriber(
+def certificates_of(papers: str, pki: Path, folder: Path) -> Path:
+    """The folder of somebody with such papers, signed by the right authority unless they are of another."""
+    own = folder / "own"
+    own.mkdir()
+    if papers != "a certificate of another authority":
+        for name in (AUTHORITY, AUTHORITY_KEY):
+            shutil.copy2(pki / name, own)
+    signed = now_utc() - timedelta(days=40 if papers == "an expired certificate" else 0)
+    return make_pki(own, ["other" if papers == "another cell's master" else CELL], now=signed, days=30)
+
+
+def with_papers(scene: Scene) -> Outcome:
+    """Commands numbered ahead, a session of his own, heartbeats, what the slave says: all that moves must
+    reach nobody. Not even a counter of ours moves.
+    """
+    papers, heard = scene.outcome.attack, list[bytes]()
+    subscriber: Any = scene.attacker.declare_subscriber(
         SLAVE_STATE.key(CELL, AXIS),
         lambda sample: heard.append(sample.payload.to_bytes()),
         allowed_origin=zenoh.Locality.REMOTE,
     )
     time.sleep(1.2)
-    _all_that_moves(scene, scene.attacker)
-    outcome = scene.end(Expected(armed=_ARMED))
+    for i in range(100):
+        scene.put(COMMAND, scene.command())
+        scene.put(MASTER_HANDSHAKE, handshake(4711 + i, i))
+        scene.put(MASTER_HEARTBEAT, b"x")
+        scene.put(f"forefeel/{CELL}/**", scene.command())
+        time.sleep(0.005)
+    outcome, link = scene.end(Expected(armed=_ARMED)), connected(scene.attacker)
     subscriber.undeclare()
     outcome.require(not any(outcome.counters.values()), "something reached the slave")
-    outcome.require(scene.attacker.connected == (papers in CONNECTED), f"link {scene.attacker.connected}")
+    outcome.require(link == (papers in CONNECTED), f"link {link}")
     outcome.require(bool(heard) == (papers in HEARING), f"it heard {len(heard)} states")
     outcome.note += "; dropped by access control" if papers in CONNECTED else "; no link: TLS refuses it"
     return outcome
 
 
-def _plain(name: str, folder: Path) -> Result:
-    with LiveCell(folder) as cell:
+def _attacked(name: str, attack: Callable[[Scene], Outcome], folder: Path) -> Result:
+    with LiveCell(folder, pki=name in PAPERS) as cell, sessions() as network:
         cell.pair()
-        with stranger(cell.endpoint) as attacker:
-            wait_until(lambda: attacker.connected, 5.0, "connected")
+        if cell.pki is not None:
+            certificates = None if name == "no certificate" else certificates_of(name, cell.pki, folder)
+            attacker = network.attacker(cell.endpoint, certificates, PAPERS[name], cell.pki / AUTHORITY)
+        else:
+            attacker = network.attacker(cell.endpoint)
+            wait_until(lambda: connected(attacker), 5.0, "connected")
             time.sleep(_SETTLE_S)
-            return _result(PLAIN[name](Scene(name, cell, attacker)))
-
-
-def _secured(papers: str, folder: Path) -> Result:
-    with LiveCell(folder, pki=True) as cell:
-        assert cell.pki is not None
-        cell.pair()
-        with stranger(cell.endpoint, tls_of(papers, cell.pki, folder)) as attacker:
-            return _result(with_papers(Scene(papers, cell, attacker), papers))
-
-
-def _result(outcome: Outcome) -> Result:
+        outcome = attack(Scene(name, cell, attacker))
     return Result(str(outcome), outcome.wrong)
 
 
 def rows() -> Iterator[Row]:
-    for name in PLAIN:
-        yield Row(f"attack: {name}", partial(_plain, name))
+    for name, attack in PLAIN.items():
+        yield Row(f"attack: {name}", partial(_attacked, name, attack))
     for papers in PAPERS:
-        yield Row(f"attack: commands of {papers}", partial(_secured, papers))
+        yield Row(f"attack: commands of {papers}", partial(_attacked, papers, with_papers))
