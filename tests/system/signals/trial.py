@@ -5,10 +5,11 @@ import os
 import random
 import signal
 import subprocess
+import sys
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,11 +17,13 @@ import yaml
 
 from forefeel.common.recording.mcap_reader import Run
 from tests.event_lines import read_events
-from tests.live_cell import free_port
+from tests.live_cell import IMPORTS, Process, free_port
 from tests.system.rows import Result
-from tests.system.signals.cases import CASES, LOOKS, Case
-from tests.system.signals.scene import COMMAND, environment, scene
+from tests.system.signals.cases import BENCH, CASES, LOOKS, MODEL, SLAVE, Case
+from tests.unit.diagnosis_samples import FRICTION_N, made, put
 
+# whoever runs under nohup, or behind a script's &, ignores signals, and so would what it starts
+COMMAND = ["env", "--default-signal", sys.executable, "-m", "forefeel"]
 SIGNALS = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 BOUND_S = 3.0
 _MARK = "FOREFEEL_SIGNALS_TRIAL"
@@ -48,116 +51,125 @@ class Trial:
         return f"{self.number}: {self.case.name}, {self.signal.name}, {since} {self.delay_s:.2f} s"
 
 
-@dataclass(frozen=True)
-class Ended:
-    """`seconds`: from the signal on."""
+def environment(folder: Path) -> dict[str, str]:
+    return {**os.environ, "PYTHONPATH": IMPORTS, "XDG_STATE_HOME": str(folder), "PYTHONDONTWRITEBYTECODE": ""}
 
-    seconds: float
-    code: int
-    last: str
-    wrong: tuple[str, ...]
+
+@contextmanager
+def scene(folder: Path) -> Iterator[int]:
+    """Makes the recordings, runs a slave, two devices and for each processor a process that computes; the
+    slave's port.
+    """
+    port = free_port()
+    (folder / "long").mkdir()
+    for name in "ab":
+        put(folder / "long" / f"{name}.csv", made(60.0, friction_n=FRICTION_N, bias_n=0.05))
+    (folder / "slave.yaml").write_text(SLAVE.replace("PORT", str(port)).replace("HERE", str(folder)))
+    (folder / "bench.yaml").write_text(BENCH.replace("DIR", str(folder)))
+    (folder / "m.yaml").write_text(MODEL)
+    for line in (
+        f"loopback --virtual-time --duration 10 --out {folder}/run",
+        f"pki init {folder}/pki --cell one",
+    ):
+        subprocess.run([*COMMAND, *line.split()], env=environment(folder), check=True, capture_output=True)
+    with ExitStack() as running:
+        for role, ready, line in (
+            ("slave", "waiting for a master", "slave --config slave.yaml"),
+            ("cell", "baud", "emulate bota_serial --config bench.yaml"),
+            ("stage", "baud", "emulate zaber_ascii --config bench.yaml"),
+        ):
+            process = Process(role, folder, *line.split(), environment={"XDG_STATE_HOME": str(folder)})
+            running.callback(process.kill)
+            process.wait_for(ready)
+        for _ in range(os.cpu_count() or 1):
+            busy = subprocess.Popen([sys.executable, "-c", "while True: pass"])
+            running.callback(busy.wait)
+            running.callback(busy.kill)
+        yield port
 
 
 def trials(count: int, seed: int) -> list[Trial]:
     """Every command as often as every other, within one."""
     draw = random.Random(seed)
-    found: list[Trial] = []
-    while len(found) < count:
+    drawn: list[Trial] = []
+    while len(drawn) < count:
         for case in draw.sample(CASES, len(CASES)):
             at_work = case.ends != LOOKS and draw.random() < _AT_WORK
             delay_s = draw.uniform(0.0, case.within_s)
-            found.append(Trial(len(found), case, draw.choice(SIGNALS), at_work, delay_s))
-    return found[:count]
+            drawn.append(Trial(len(drawn), case, draw.choice(SIGNALS), at_work, delay_s))
+    return drawn[:count]
 
 
 def random_signals(folder: Path, count: int = 60) -> Result:
-    """Over every command on a busy machine, and Ctrl-C in long diagnoses."""
+    """Signals over every command on a busy machine, and Ctrl-C in long diagnoses."""
     ready = folder / "ready"
     ready.mkdir()
     long = next(case for case in CASES if case.name == "diagnose a folder")
-    wanted = [Trial(1000 + n, long, signal.SIGINT, True, 1.5 * n) for n in range(4)]
-    with scene(ready, computing=os.cpu_count() or 1) as port:
-        found = _run_all([*trials(count, 1), *wanted], ready, port, folder)
-    failures = [f"{trial}: {each}" for trial, ended in found for each in ended.wrong]
-    longest_s = max(ended.seconds for _, ended in found)
+    wanted = [*trials(count, 1), *(Trial(1000 + n, long, signal.SIGINT, True, 1.5 * n) for n in range(4))]
+    with scene(ready) as port, ThreadPoolExecutor(_AT_ONCE - 1) as pool, ThreadPoolExecutor(1) as one_by_one:
+        ends = [
+            (one_by_one if trial.case.shares else pool).submit(run, trial, ready, port, folder)
+            for trial in wanted
+        ]
+        try:
+            results = [end.result() for end in ends]
+        finally:  # whoever ends us waits for no command, neither for one to come nor for one that hangs
+            for end in ends:
+                end.cancel()
+            while not all(end.done() for end in ends):
+                _kill(f"{os.getpid()}.")
+                time.sleep(0.05)
+    longest_s = max(seconds for seconds, _ in results)
+    figures = f"{len(results)} signals, the last ended after {longest_s:.2f} s (bound {BOUND_S:g} s)"
     return Result(
-        f"{len(found)} signals, the last ended after {longest_s:.2f} s (bound {BOUND_S:g} s)", failures
+        figures, [f"{trial}: {it}" for trial, (_, wrong) in zip(wanted, results, strict=True) for it in wrong]
     )
 
 
-def _run_all(wanted: Sequence[Trial], ready: Path, port: int, folder: Path) -> list[tuple[Trial, Ended]]:
-    """All of them, some at the same time."""
+def run(trial: Trial, ready: Path, port: int, folder: Path) -> tuple[float, list[str]]:
+    """Starts the command, sends the signal as a terminal or a service manager does, looks at what is left.
 
-    def one(trial: Trial) -> tuple[Trial, Ended]:
-        return trial, run(trial, ready, port, folder / str(trial.number))
-
-    with unignored(), ThreadPoolExecutor(_AT_ONCE - 1) as pool, ThreadPoolExecutor(1) as row:
-        ends = [(row if trial.case.shares else pool).submit(one, trial) for trial in wanted]
-        try:
-            return [each.result() for each in ends]
-        finally:
-            _end(ends)
-
-
-def _end(ends: Sequence[Future[tuple[Trial, Ended]]]) -> None:
-    """Whoever ends us waits for no command, neither for one to come nor for one that hangs."""
-    for each in ends:
-        each.cancel()
-    while not all(each.done() for each in ends):
-        _kill(f"{os.getpid()}.")
-        time.sleep(0.05)
-
-
-def run(trial: Trial, ready: Path, port: int, here: Path) -> Ended:
-    """Starts the command, sends the signal as a terminal or a service manager does, looks at what is left."""
+    Returns s from the signal to the end, and what is wrong.
+    """
+    here = folder / str(trial.number)
     here.mkdir()
     places = {"HERE": str(here), "READY": str(ready), "CELL": str(port), "PORT": str(free_port())}
     for name, text in trial.case.files:
         (here / name).write_text(_placed(text, places))
     mark = f"{os.getpid()}.{here}."
-    with (here / "stderr").open("wb") as said, (here / "stdout").open("wb") as out:
+    with (here / "stderr").open("wb") as errors, (here / "stdout").open("wb") as out:
         process = subprocess.Popen(
             [*COMMAND, *_placed(trial.case.line, places).split()],
             env={**environment(here), _MARK: mark},
-            stdin=subprocess.DEVNULL, stdout=out, stderr=said, process_group=0,
+            stdin=subprocess.DEVNULL, stdout=out, stderr=errors, process_group=0,
         )  # fmt: skip
         try:
-            _begun(process, trial.at_work)
+            _await_begin(process, trial.at_work)
             with suppress(subprocess.TimeoutExpired):
                 process.wait(trial.delay_s)
             finished = process.poll() is not None
             start_s = time.monotonic()
-            if not finished:
-                _send(process.pid, trial.signal)
+            with suppress(ProcessLookupError):  # a service manager tells the process, a terminal its group
+                if trial.signal == signal.SIGTERM:
+                    process.send_signal(trial.signal)
+                elif not finished:
+                    os.killpg(process.pid, trial.signal)
             try:
                 code = process.wait(_PATIENCE_S)
             except subprocess.TimeoutExpired as error:
                 raise AssertionError(f"{trial}: runs on for {_PATIENCE_S:g} s") from error
             seconds = 0.0 if finished else time.monotonic() - start_s
-            left = _gone(mark, start_s + BOUND_S + 1.0)
+            while (left := list(_marked(mark))) and time.monotonic() < start_s + BOUND_S + 1.0:
+                time.sleep(0.05)
         finally:
             _kill(mark)
             process.wait()
-    words = (here / "stderr").read_text()
-    wrong = [*_said(trial, code, words), *_half_written(here, code)]
+    wrong = [*_wrong_end(trial, code, (here / "stderr").read_text()), *_half_written(here)]
     if left:
         wrong.append(f"left processes {left}")
     if seconds > BOUND_S:
         wrong.append(f"ended after {seconds:.2f} s")
-    return Ended(seconds, code, (words.strip().splitlines() or [""])[-1], tuple(wrong))
-
-
-@contextmanager
-def unignored() -> Iterator[None]:
-    """What runs under nohup, or behind a script's &, ignores signals, and so would what it starts."""
-    before = {number: signal.getsignal(number) for number in SIGNALS}
-    for number in SIGNALS:
-        signal.signal(number, signal.SIG_DFL)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    return seconds, wrong
 
 
 def _placed(text: str, places: dict[str, str]) -> str:
@@ -166,9 +178,9 @@ def _placed(text: str, places: dict[str, str]) -> str:
     return text
 
 
-def _begun(process: "subprocess.Popen[bytes]", at_work: bool) -> None:
-    """Until the command has taken SIGINT from Python, which would show a traceback while it starts; and until
-    it catches it by itself, as it does at work. A change that was too short to be seen is not waited for.
+def _await_begin(process: "subprocess.Popen[bytes]", at_work: bool) -> None:
+    """Waits until the command has taken SIGINT from Python, which would show a traceback, and until it
+    catches it by itself, as it does at work. A change that was too short to be seen is not waited for.
     """
     end_s = time.monotonic() + _BEGINS_S
     for caught in (True, False, True) if at_work else (True, False):
@@ -185,12 +197,6 @@ def _catches_sigint(pid: int) -> bool:
     return False
 
 
-def _send(pid: int, number: signal.Signals) -> None:
-    """A service manager tells the process, a terminal its whole group."""
-    with suppress(ProcessLookupError):
-        os.kill(pid, number) if number == signal.SIGTERM else os.killpg(pid, number)
-
-
 def _marked(mark: str) -> Iterator[int]:
     """Living processes that descend from a command whose mark begins so."""
     sought = f"{_MARK}={mark}".encode()
@@ -203,19 +209,13 @@ def _marked(mark: str) -> Iterator[int]:
                 yield int(path.name)
 
 
-def _gone(mark: str, until_s: float) -> list[int]:
-    while (left := list(_marked(mark))) and time.monotonic() < until_s:
-        time.sleep(0.05)
-    return left
-
-
 def _kill(mark: str) -> None:
     for pid in _marked(mark):
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)
 
 
-def _said(trial: Trial, code: int, words: str) -> Iterator[str]:
+def _wrong_end(trial: Trial, code: int, words: str) -> Iterator[str]:
     if "Traceback" in words:
         yield f"traceback: {words[-400:]}"
     if code == -trial.signal:
@@ -227,18 +227,18 @@ def _said(trial: Trial, code: int, words: str) -> Iterator[str]:
         yield f"not one line at the end: {words[-300:]}"
 
 
-def _half_written(here: Path, code: int) -> Iterator[str]:
+def _half_written(here: Path) -> Iterator[str]:
     for path in sorted(here.rglob("*")):
         if ".part" in path.name or path.is_symlink():
             yield f"left {path.relative_to(here)}"
         elif path.is_file():
             try:
-                _parse(path, code)
+                _parse(path)
             except Exception as error:  # noqa: BLE001 - whatever it is, the file is not whole
                 yield f"{path.relative_to(here)}: {type(error).__name__}: {error}"
 
 
-def _parse(path: Path, code: int) -> None:
+def _parse(path: Path) -> None:
     """Raises what it likes for a file that is not whole."""
     content = path.read_bytes()
     match path.suffix:
