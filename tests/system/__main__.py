@@ -22,11 +22,10 @@ from tests.system.faults.cases import faults, stalled
 from tests.system.faults.page import cells, figures, written
 from tests.system.faults.required import BY_SILENCE_S
 from tests.system.faults.scene import Fault, tried
-from tests.system.page_growth import page_without_growth
-from tests.system.page_seen import page_seen
+from tests.system.page import page_seen, page_without_growth
 from tests.system.rows import Result, Row
 from tests.system.signals.trial import random_signals
-from tests.system.soak.report import soak
+from tests.system.soak.service import soak
 
 
 def rows(minutes: float) -> Iterator[Row]:

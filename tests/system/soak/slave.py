@@ -1,6 +1,5 @@
-"""The slave with a load cell that says NaN while it is told to: `python -m tests.system.soak.slave SETTINGS`.
-
-SIGUSR1: from now on; SIGUSR2: no more.
+"""The slave with a load cell that says NaN between one SIGUSR1 and the next:
+`python -m tests.system.soak.slave SETTINGS`.
 """
 
 import signal
@@ -14,19 +13,17 @@ from forefeel.devices.simulated.driver import SimulatedLoadCell
 from forefeel.slave.load_cell import LoadCellReading
 from forefeel.slave.settings import SlaveSettings
 
-_SAYS_NAN = {"now": False}
-
 
 def main() -> None:
-    signal.signal(signal.SIGUSR1, lambda *_: _SAYS_NAN.update(now=True))
-    signal.signal(signal.SIGUSR2, lambda *_: _SAYS_NAN.update(now=False))
+    signals: list[int] = []
+    signal.signal(signal.SIGUSR1, lambda number, _: signals.append(number))
     read = SimulatedLoadCell.read
 
     def read_or_nan(
         self: SimulatedLoadCell, now_ns: int, recording_time_s: float | None
     ) -> tuple[LoadCellReading]:
         (reading,) = read(self, now_ns, recording_time_s)
-        return (reading._replace(force_n=nan) if _SAYS_NAN["now"] else reading,)
+        return (reading._replace(force_n=nan) if len(signals) % 2 else reading,)
 
     SimulatedLoadCell.read = read_or_nan  # type: ignore[method-assign]
     run_daemon(load_settings(SlaveSettings, Path(sys.argv[1])))
