@@ -23,9 +23,7 @@ from forefeel.report.model import RunReport
 from forefeel.report.summary import summarise
 from forefeel.terminal import bar
 from tests.secured import make_pki
-from tests.system.net.cable import ADDRESSES, MEASURING, TunCable
-from tests.system.net.hosts import Hosts, joined_by_tun
-from tests.system.net.namespaces import inside
+from tests.system.net.hosts import ADDRESSES, MEASURING, Hosts, TunCable, inside, joined_by_tun
 
 End = Literal["slave", "master"]
 ENDS: tuple[End, End] = ("slave", "master")
@@ -296,7 +294,7 @@ class LinkRun:
     Attributes:
         open_s: see `LinkedDaemons.open`.
         report: of the whole run, as `forefeel report` has it.
-        packets: their fate with the session open, by `there` and `back`; see `tests.system.net.shape.Way`.
+        packets: their fate with the session open, by `there` and `back`, as `Way` of the forwarder counts.
         duration_s: how long the session was watched.
         congestion: TCP's congestion control of both hosts.
     """

@@ -20,8 +20,7 @@ from typing import NamedTuple
 from forefeel.common.state.folder import SOCKET
 from tests.live_cell import free_port
 from tests.secured import make_pki
-from tests.system.net.cable import ADDRESSES
-from tests.system.net.hosts import joined_by_tun
+from tests.system.net.hosts import ADDRESSES, joined_by_tun
 
 _ROUNDS = 21  # rounds, an odd number for the median
 _ONE_WAY_S = 0.010  # s that a packet takes each way

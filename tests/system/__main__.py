@@ -12,14 +12,13 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from tests.system.attacks import page_sockets, wire
 from tests.system.faults.cases import faults, stalled
-from tests.system.faults.page import cells, figures, written
 from tests.system.faults.required import BY_SILENCE_S
 from tests.system.faults.scene import Fault, tried
 from tests.system.page import page_seen, page_without_growth
@@ -27,11 +26,15 @@ from tests.system.rows import Result, Row
 from tests.system.signals.trial import random_signals
 from tests.system.soak.service import soak
 
+HEAD = ("fault", "to rest s", "armed again s", "recovery")
+MEASURED = "Measured by `make system`\n"
+"""What stands before the table in docs/explanation/faults.md."""
+
 
 def rows(minutes: float) -> Iterator[Row]:
     """`minutes`: of the soak, and of the page."""
     for fault in faults():
-        yield Row(f"fault: {fault.name}", partial(_fault, fault))
+        yield Row(f"fault: {fault.name}", partial(tried, fault))
     yield Row("fault: an open gate is found out", _open_gate)
     yield from wire.rows()
     yield from page_sockets.rows()
@@ -41,19 +44,37 @@ def rows(minutes: float) -> Iterator[Row]:
     yield Row(f"page: {minutes:g} minutes without growth", partial(page_without_growth, 60.0 * minutes))
 
 
-def _fault(fault: Fault, folder: Path) -> Result:
-    row = tried(fault, folder)
-    return Result(figures(row), row.failures, cells(row))
-
-
 def _open_gate(folder: Path) -> Result:
-    """What the gate refuses is seen where it is open: the measure itself."""
-    lax = {"slave": {"gate": {"watchdog_s": 0.3, "max_age_s": 1.0}}}
-    act = partial(stalled, 0.28)
-    row = tried(Fault("", act, "", rest_s=BY_SILENCE_S, service={"axis": lax}), folder)
-    sought = "stale commands executed", "at rest after"
-    missed = [each for each in sought if not any(each in failure for failure in row.failures)]
-    return Result(f"{row.stale} stale commands", [f"not found out: {each}" for each in missed])
+    """Shows that what the gate refuses is seen where it is open: the measure itself."""
+    gate = {"slave": {"axis": {"gate": {"watchdog_s": 0.3, "max_age_s": 1.0}}}}
+    result = tried(
+        Fault("", partial(stalled, 0.28), "", rest_s=BY_SILENCE_S, service={"extra": gate}), folder
+    )
+    missed = [
+        f"not found out: {sought}"
+        for sought in ("stale commands executed", "at rest after")
+        if not any(sought in failure for failure in result.failures)
+    ]
+    return Result(result.figures, missed)
+
+
+def _renewed(
+    page: Path, measured: Sequence[tuple[str, ...]], names: Sequence[str], command: str, took_min: float
+) -> str:
+    """The page with these rows; those of it that were not measured now, but still exist, stay as they are."""
+    before, rest = page.read_text(encoding="utf-8").split(MEASURED)
+    _, table, explained = rest.split("\n\n", 2)
+    earlier = [tuple(line.strip("| ").split(" | ")) for line in table.splitlines()]
+    rows = {row[0]: row for row in [*earlier, *measured]}
+    lines = [HEAD, tuple("---" for _ in HEAD), *(rows[name] for name in names if name in rows)]
+    table = "\n".join(f"| {' | '.join(row)} |" for row in lines)
+    model = re.search(r"^model name\s*: (.*)$", Path("/proc/cpuinfo").read_text(), re.MULTILINE)
+    machine = (
+        f"{os.cpu_count()} cores{'' if model is None else f' of {model[1]}'}, Linux {os.uname().release}"
+    )
+    now = f"{len(measured)} rows by `{command}` in {took_min:.0f} min"
+    others = ", the others in earlier runs" if len(measured) < len(names) else ""
+    return f"{before}{MEASURED}on {machine}: {now}{others}.\n\n{table}\n\n{explained}"
 
 
 def _run(row: Row, keep: Path | None) -> Result:
@@ -76,36 +97,31 @@ def main() -> int:
     parser.add_argument("--list", action="store_true", help="the names alone")
     parser.add_argument("--out", type=Path, help="the page of faults, in which the rows that ran are renewed")
     options = parser.parse_args()
-    wanted = [
-        row
-        for row in rows(options.minutes)
-        if not options.names or any(name in row.name for name in options.names)
-    ]
+    names = options.names or [""]
+    wanted = [row for row in rows(options.minutes) if any(name in row.name for name in names)]
     if options.list:
         print(*(row.name for row in wanted), sep="\n")
         return 0
     if os.geteuid() != 0:
         sys.exit("tests.system: making network namespaces needs root")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # in order: hosts and processes go
-    start_s, failed, measured = time.monotonic(), list[str](), list[tuple[str, ...]]()
+    start_s, results = time.monotonic(), dict[str, Result]()
     for row in wanted:
         row_s = time.monotonic()
-        result = _run(row, options.keep)
+        result = results[row.name] = _run(row, options.keep)
         verdict = "FAILED" if result.failures else "ok"
         print(f"{verdict:6} {time.monotonic() - row_s:4.0f} s  {row.name}: {result.figures}", flush=True)
-        print(*(f"         {each}" for each in result.failures), sep="\n", end="\n" * bool(result.failures))
-        failed += [row.name] * bool(result.failures)
-        measured += [result.cells] * bool(result.cells)
+        for failure in result.failures:
+            print(f"         {failure}", flush=True)
+    failed = [name for name, result in results.items() if result.failures]
     took_min = (time.monotonic() - start_s) / 60.0
-    print(
-        f"{len(wanted) - len(failed)} of {len(wanted)} rows as required, {took_min:.0f} min",
-        *failed,
-        sep="\n  ",
-    )
+    summary = f"{len(wanted) - len(failed)} of {len(wanted)} rows as required, {took_min:.0f} min"
+    print(summary, *failed, sep="\n  ")
     if options.out is not None:
         command = shlex.join(["python", "-m", "tests.system", *sys.argv[1:]])
-        names = [fault.name for fault in faults() if not fault.name.endswith("300 ms")]
-        options.out.write_text(written(options.out, measured, names, command, took_min))
+        measured = [result.cells for result in results.values() if result.cells]
+        on_page = [fault.name for fault in faults() if not fault.name.endswith("300 ms")]
+        options.out.write_text(_renewed(options.out, measured, on_page, command, took_min))
     return int(bool(failed) or not wanted)
 
 

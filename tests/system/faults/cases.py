@@ -1,9 +1,10 @@
-"""The faults."""
+"""The faults: each is done while the stage moves; afterwards the service has to follow the operator again."""
 
 import resource
 import signal
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -16,7 +17,7 @@ from tests.system.faults.logged import Expected, heard, says, stopped
 from tests.system.faults.required import Route
 from tests.system.faults.scene import SECOND, Fault, Incident, Scene
 from tests.system.net.evidence import Evidence
-from tests.system.net.namespaces import ip
+from tests.system.net.hosts import ip
 from tests.system.net.service import RIVAL, SLAVE_AT
 from tests.system.net.steered import Steering
 
@@ -31,203 +32,143 @@ _SMALL_BYTES = 576
 
 def _killed(role: str, scene: Scene) -> Incident:
     """SIGKILL; started again after 2 s."""
-    speed_m_s = scene.service.wait_moving()
     at_s = scene.strike(role, signal.SIGKILL)
     time.sleep(_FAULT_S)
     over_s = time.monotonic()
-    _start(role, scene)
-    scene.rearmed()
-    return Incident(at_s, over_s, speed_m_s, gone=role == "master")
+    scene.service.start_daemon(role)
+    return Incident(at_s, over_s)
 
 
 def _restarted(role: str, scene: Scene, number: signal.Signals = signal.SIGTERM) -> Incident:
     """SIGTERM, as a service manager does, or SIGHUP, as a terminal that goes; a new process and session."""
-    speed_m_s = scene.service.wait_moving()
     at_s = time.monotonic()
-    assert scene.hosts.end(scene.service.processes[role], number) == 0, scene.hosts.last_words()
+    scene.end(role, number)
     over_s = time.monotonic()
-    _start(role, scene)
-    scene.rearmed()
-    return Incident(at_s, over_s, speed_m_s)
-
-
-def _start(role: str, scene: Scene) -> None:
-    if role == "slave":
-        scene.service.start_slave()
-    else:
-        scene.service.start_master()
+    scene.service.start_daemon(role)
+    return Incident(at_s, over_s)
 
 
 def _frozen(role: str, frozen_s: float, scene: Scene) -> Incident:
     """SIGSTOP, and SIGCONT."""
-    speed_m_s = scene.service.wait_moving()
     at_s = scene.strike(role, signal.SIGSTOP)
     time.sleep(frozen_s)
     over_s = scene.strike(role, signal.SIGCONT)
     time.sleep(0.5)
-    scene.rearmed()
-    return Incident(at_s, over_s, speed_m_s, frozen=role == "master", stood=role == "slave")
+    return Incident(at_s, over_s, frozen=role == "master", stood=role == "slave")
 
 
-def _cut(scene: Scene) -> Incident:
-    speed_m_s = scene.service.wait_moving()
-    at_s = scene.cable.cut() * _NS
-    time.sleep(_FAULT_S)
-    over_s = scene.cable.mend() * _NS
-    scene.rearmed()
-    return Incident(at_s, over_s, speed_m_s)
+def _cut(cut_s: float, times: int, scene: Scene) -> Incident:
+    """All packets are lost for that long, once every two seconds."""
+    begun_s, over_s = list[float](), 0.0
+    while len(begun_s) < times:
+        begun_s.append(scene.cable.cut() * _NS)
+        time.sleep(cut_s)
+        over_s = scene.cable.mend() * _NS
+        time.sleep(_FAULT_S - cut_s)
+    return Incident(begun_s[0], over_s, again_s=tuple(begun_s[1:]))
 
 
 def stalled(stall_s: float, scene: Scene) -> Incident:
     """Everything is held, then comes in one burst: old commands to the slave, old forces to the master."""
-    speed_m_s = scene.service.wait_moving()
     at_s = scene.cable.stall(stall_s) * _NS
     time.sleep(stall_s + 0.5)
-    scene.rearmed()
-    return Incident(at_s, at_s + stall_s, speed_m_s)
+    return Incident(at_s, at_s + stall_s)
 
 
 def _shaped(duration_s: float, scene: Scene, **more: Any) -> Incident:  # noqa: ANN401
-    """The cable does that for a while, beside its usual delays; what runs above retransmits."""
-    speed_m_s = scene.service.wait_moving()
+    """The cable does that for a while, or only its usual delays; what runs above retransmits."""
     at_s = scene.shape(**more)
     time.sleep(duration_s)
-    over_s = scene.shape()
-    scene.rearmed()
-    return Incident(at_s, over_s, speed_m_s)
+    return Incident(at_s, scene.shape())
 
 
 def _small_packets_at_start(scene: Scene) -> Incident:
     """The handshake of TLS does not pass. The cable stays so; the MTU of one host's device is the cure, which
     bounds the segments of both.
     """
-    speed_m_s = scene.service.wait_moving()
-    at_s, unanswered = time.monotonic(), scene.said("master", _NO_ANSWER)
-    assert scene.hosts.end(scene.service.processes["master"]) == 0, scene.hosts.last_words()
+    at_s = time.monotonic()
+    scene.end("master")
     scene.shape(largest_bytes=_SMALL_BYTES)
-    _start("master", scene)
-    scene.hosts.wait_until(lambda: scene.said("master", _NO_ANSWER) > unanswered, 20.0, _NO_ANSWER)
-    assert scene.service.state() == "idle", scene.service.seen()
+    scene.service.start_daemon("master")
+    scene.hosts.wait_until(lambda: scene.hosts.says("master.log", _NO_ANSWER), 20.0, _NO_ANSWER)
+    assert scene.service.state() == "idle", scene.service.newest()
     master = scene.hosts.names[1]
     ip("-n", master, "link", "set", master, "mtu", str(_SMALL_BYTES))
-    over_s = time.monotonic()
-    scene.rearmed()
-    return Incident(at_s, over_s, speed_m_s)
+    return Incident(at_s, time.monotonic())
 
 
 def _jumped(scene: Scene) -> Incident:
     """The way becomes longer for some seconds, but less than where the slave would not arm."""
-    speed_m_s = scene.service.wait_moving()
     at_s = scene.shape(r.SLOW)
-    for stay_s in (2.0, 0.0):
-        time.sleep(1.0)
-        scene.rearmed()
-        time.sleep(stay_s)
-        scene.shape()
-    return Incident(at_s, at_s, speed_m_s)
-
-
-def _bursts(scene: Scene) -> Incident:
-    """All packets are lost for 400 ms, three times."""
-    speed_m_s = scene.service.wait_moving()
-    begun_s, over_s = list[float](), 0.0
-    for _ in range(3):
-        begun_s.append(scene.cable.cut() * _NS)
-        time.sleep(0.4)
-        over_s = scene.cable.mend() * _NS
-        time.sleep(1.6)
+    time.sleep(1.0)
     scene.rearmed()
-    return Incident(begun_s[0], over_s, speed_m_s, again_s=tuple(begun_s[1:]))
+    time.sleep(2.0)
+    scene.shape()
+    time.sleep(1.0)
+    return Incident(at_s, at_s)
 
 
 def _half_open(scene: Scene) -> Incident:
     """The master dies while the cable is cut; its connections never end for the slave."""
-    speed_m_s = scene.service.wait_moving()
     at_s = scene.cable.cut() * _NS
     scene.strike("master", signal.SIGKILL)
     scene.cable.forget()
     time.sleep(0.5)
     over_s = scene.cable.mend() * _NS
-    scene.service.start_master()
-    scene.rearmed()
-    return Incident(at_s, over_s, speed_m_s, gone=True)
-
-
-def _as_it_is(duration_s: float, scene: Scene) -> Incident:
-    """Nothing happens but what the usual cable does."""
-    speed_m_s = scene.service.wait_moving()
-    at_s = time.monotonic()
-    time.sleep(duration_s)
-    return Incident(at_s, time.monotonic(), speed_m_s)
+    scene.service.start_daemon("master")
+    return Incident(at_s, over_s)
 
 
 def _second_master(scene: Scene) -> Incident:
     """It has the certificate, asks and asks, and goes."""
-    speed_m_s = scene.service.wait_moving()
     at_s = time.monotonic()
     scene.service.start_rival()
     refused = partial(scene.hosts.says, f"{RIVAL}.log", _HELD)
     scene.hosts.wait_until(refused, 60.0, "the second master's word that it is refused")
     time.sleep(2.0)
     over_s = time.monotonic()
-    assert scene.hosts.end(scene.service.processes[RIVAL]) == 0, scene.hosts.last_words()
+    scene.end(RIVAL)
     time.sleep(0.5)
-    return Incident(at_s, over_s, speed_m_s)
-
-
-def _router_killed(scene: Scene) -> Incident:
-    speed_m_s = scene.service.wait_moving()
-    at_s = scene.strike("router", signal.SIGKILL)
-    time.sleep(_FAULT_S)
-    over_s = time.monotonic()
-    scene.service.start_router()
-    scene.rearmed()
-    return Incident(at_s, over_s, speed_m_s)
+    return Incident(at_s, over_s)
 
 
 def _clock_set(role: str, scene: Scene) -> Incident:
     """A daemon whose clock goes back ends; it is started again, as a service manager does. The slave then
     finds its fault latched. What the load cell measured until then is attached to wrong ticks.
     """
-    speed_m_s = scene.service.wait_moving()
     at_s = scene.strike(role, signal.SIGUSR1)
     process = scene.service.processes[role]
     scene.hosts.expected_ends.add(process.pid)
     time.sleep(_FAULT_S)
-    over_s = at_s
-    recovery = f"by itself: {'a new session' if role == 'slave' else 'clocks compared anew'}"
     if process.poll() is not None:
         assert process.returncode == 1, scene.hosts.last_words()
         over_s, recovery = time.monotonic(), "ended by the fault; started again"
         if role == "slave":
-            found = _found_latched(scene, at_s, speed_m_s)
-            return replace(found, over_s=over_s, stood=True, recovery=f"{recovery}, forefeel clear")
-        _start(role, scene)
-    elif scene.service.state() == "fault":
-        over_s, recovery = scene.cleared(), "forefeel clear"
-    scene.rearmed()
-    return Incident(at_s, over_s, speed_m_s, recovery=recovery)
+            latched = _found_latched(scene, at_s)
+            return replace(latched, over_s=over_s, stood=True, recovery=f"{recovery}, forefeel clear")
+        scene.service.start_daemon(role)
+        return Incident(at_s, over_s, recovery=recovery)
+    if scene.service.state() == "fault":
+        return Incident(at_s, scene.cleared(), recovery="forefeel clear")
+    again = "a new session" if role == "slave" else "clocks compared anew"
+    return Incident(at_s, at_s, recovery=f"by itself: {again}")
 
 
 def _clock_slewed(duration_s: float, scene: Scene) -> Incident:
     """The master's clock runs fast or slow from now on."""
-    speed_m_s = scene.service.wait_moving()
     at_s = scene.strike("master", signal.SIGUSR1)
     time.sleep(duration_s)
-    return Incident(at_s, time.monotonic(), speed_m_s)
+    return Incident(at_s, time.monotonic())
 
 
 def _clock_refused(scene: Scene) -> Incident:
     """It does so too much; a new master has a right one."""
-    speed_m_s = scene.service.wait_moving()
     at_s = scene.strike("master", signal.SIGUSR1)
-    scene.hosts.wait_until(lambda: scene.service.state() == "fault", r.RATE_NAMED_S + 5.0, "a fault")
+    scene.await_state("fault", r.RATE_NAMED_S + 5.0)
     time.sleep(0.5)
-    assert scene.hosts.end(scene.service.processes["master"]) == 0, scene.hosts.last_words()
-    scene.service.start_master()
-    over_s = scene.cleared()
-    scene.rearmed()
-    return Incident(at_s, over_s, speed_m_s)
+    scene.end("master")
+    scene.service.start_daemon("master")
+    return Incident(at_s, scene.cleared())
 
 
 def _recorder_struck(number: signal.Signals, scene: Scene) -> Incident:
@@ -235,13 +176,12 @@ def _recorder_struck(number: signal.Signals, scene: Scene) -> Incident:
     path = scene.service.folder / f"{SECOND}.mcap"
     scene.service.start_second_recorder(SECOND, path.name)
     scene.hosts.wait_until(lambda: path.exists() and path.stat().st_size > 500_000, 60.0, "a recording")
-    speed_m_s = scene.service.wait_moving()
+    scene.service.wait_moving()
     at_s = scene.strike(SECOND, number)
     time.sleep(_FAULT_S)
     if number is signal.SIGSTOP:
-        assert scene.hosts.end(scene.service.processes[SECOND]) == 0
-    time.sleep(1.0)
-    return Incident(at_s, time.monotonic(), speed_m_s)
+        scene.end(SECOND)
+    return Incident(at_s, time.monotonic())
 
 
 def _recorder_disk_full(scene: Scene) -> Incident:
@@ -256,75 +196,67 @@ def _recorder_disk_full(scene: Scene) -> Incident:
     assert process.returncode == 1, scene.hosts.last_words()
     assert scene.hosts.says(f"{SECOND}.log", "No space left"), scene.hosts.last_words()
     (scene.service.folder / second).write_bytes((scene.disk.seen / second).read_bytes())
-    speed_m_s = scene.service.wait_moving()
-    time.sleep(1.0)
-    return Incident(at_s, time.monotonic(), speed_m_s)
+    scene.service.wait_moving()
+    return Incident(at_s, time.monotonic())
 
 
 def _stopped_on_a_full_disk(scene: Scene) -> Incident:
     """The stop is acknowledged while the disk is full, and the slave is killed. A new start finds it."""
-    speed_m_s = scene.service.wait_moving()
     at_s = time.monotonic()
     scene.disk.fill()
-    assert scene.service.stop() == 0, scene.hosts.last_words()
+    assert scene.service.command("estop") == 0, scene.hosts.last_words()
     time.sleep(0.5)
     scene.strike("slave", signal.SIGKILL)
     time.sleep(0.5)
     scene.disk.free()
-    return _found_latched(scene, at_s, speed_m_s)
+    return _found_latched(scene, at_s)
 
 
 def _faulty_then_killed(scene: Scene) -> Incident:
     """The cell is gone while the stage moves; the slave is killed, the cell repaired, the slave started."""
-    speed_m_s = scene.service.wait_moving()
     at_s = scene.strike("cell", signal.SIGUSR1)
-    scene.hosts.wait_until(lambda: scene.service.state() == "fault", 5.0, "a fault")
+    scene.await_state("fault", 5.0)
     time.sleep(0.2)
     scene.strike("slave", signal.SIGKILL)
     scene.strike("cell", signal.SIGUSR1)
     time.sleep(0.5)
-    return _found_latched(scene, at_s, speed_m_s)
+    return _found_latched(scene, at_s)
 
 
-def _found_latched(scene: Scene, at_s: float, speed_m_s: float) -> Incident:
+def _found_latched(scene: Scene, at_s: float) -> Incident:
     """Starts the slave, which must not arm before it is cleared."""
-    _start("slave", scene)
-    scene.hosts.wait_until(lambda: scene.service.state() == "estopped", 20.0, "a latched stop")
+    scene.service.start_daemon("slave")
+    scene.await_state("estopped", 20.0)
     time.sleep(2.0)
-    assert scene.service.state() == "estopped", scene.service.seen()
-    over_s = scene.cleared()
-    scene.rearmed()
-    return Incident(at_s, over_s, speed_m_s)
+    assert scene.service.state() == "estopped", scene.service.newest()
+    return Incident(at_s, scene.cleared())
 
 
-def _read_only(scene: Scene) -> Incident:
-    """A slave whose state folder can not be written to does not start, and says so."""
-    speed_m_s = scene.service.wait_moving()
+def _restarted_refused(
+    mistake: Callable[[Scene], AbstractContextManager[object]], reason: str, scene: Scene
+) -> Incident:
+    """A slave that is started with a mistake ends with the code of wrong settings and says why, once."""
     at_s = time.monotonic()
-    assert scene.hosts.end(scene.service.processes["slave"]) == 0, scene.hosts.last_words()
-    scene.disk.allow_writing(False)
-    _refused_start(scene)
-    assert scene.said("slave", "Read-only file system; expected one that can be written") == 1
-    scene.disk.allow_writing(True)
+    scene.end("slave")
+    with mistake(scene):
+        assert scene.service.command("slave", timeout_s=60.0) == 2, scene.hosts.last_words()
+    assert (scene.hosts.folder / "slave.log").read_text().count(reason) == 1, scene.hosts.last_words()
     over_s = time.monotonic()
-    _start("slave", scene)
-    scene.rearmed()
-    return Incident(at_s, over_s, speed_m_s)
+    scene.service.start_daemon("slave")
+    return Incident(at_s, over_s)
 
 
-def _refused_start(scene: Scene) -> None:
-    """The slave with the settings as they are now ends with the code of wrong settings."""
-    words = ("forefeel", "slave", "--config", "slave.yaml")
-    refused = scene.hosts.run(0, "slave.log", *words, within=scene.service.within.get("slave", ()))
-    scene.hosts.expected_ends.add(refused.pid)
-    assert refused.wait(60) == 2, scene.hosts.last_words()
+@contextmanager
+def _read_only(scene: Scene) -> Iterator[None]:
+    """Forbids to write to the slave's state folder."""
+    scene.disk.allow_writing(False)
+    yield
+    scene.disk.allow_writing(True)
 
 
-def _gain_zero(scene: Scene) -> Incident:
-    """A calibration that would switch the force limit off: the slave does not start with it."""
-    speed_m_s = scene.service.wait_moving()
-    at_s = time.monotonic()
-    assert scene.hosts.end(scene.service.processes["slave"]) == 0, scene.hosts.last_words()
+@contextmanager
+def _gain_zero(scene: Scene) -> Iterator[None]:
+    """Sets a calibration that would switch the force limit off."""
     path = scene.hosts.folder / "slave.yaml"
     good = path.read_text()
     settings = yaml.safe_load(good)
@@ -336,13 +268,8 @@ def _gain_zero(scene: Scene) -> Incident:
         "range_n": [0.0, 4.0], "points": [[0.0, 0.0], [4.0, 4.0]],
     }  # fmt: skip
     (scene.hosts.folder / "cell.yaml").write_text(yaml.safe_dump(calibration))
-    _refused_start(scene)
-    assert scene.said("slave", "gain_n") == 1, scene.hosts.last_words()
+    yield
     path.write_text(good)
-    over_s = time.monotonic()
-    _start("slave", scene)
-    scene.rearmed()
-    return Incident(at_s, over_s, speed_m_s)
 
 
 def _silent_connections(scene: Scene) -> Incident:
@@ -350,35 +277,29 @@ def _silent_connections(scene: Scene) -> Incident:
 
     Afterwards the slave is started again: Zenoh accepts no connection any more (docs/decisions/0026).
     """
-    slave = scene.service.processes["slave"]
-    speed_m_s = scene.service.wait_moving()
-    resource.prlimit(slave.pid, resource.RLIMIT_NOFILE, (1_024, 1_024))
+    resource.prlimit(scene.service.processes["slave"].pid, resource.RLIMIT_NOFILE, (1_024, 1_024))
     words = ("tests.system.attacks.silent", *SLAVE_AT.partition("/")[2].split(":"), "1100")
     strangers = scene.hosts.run(1, "silent.log", *words)
     scene.hosts.wait_until(lambda: scene.hosts.says("silent.log", "1100 connections"), 20.0, "connections")
     at_s = time.monotonic()
-    assert scene.service.stop() == 0, scene.hosts.last_words()
-    scene.hosts.expected_ends.add(strangers.pid)
-    strangers.kill()
-    assert scene.hosts.end(slave) == 0, scene.hosts.last_words()
-    return _found_latched(scene, at_s, speed_m_s)
+    assert scene.service.command("estop") == 0, scene.hosts.last_words()
+    scene.hosts.end(strangers, signal.SIGKILL)
+    scene.end("slave")
+    return _found_latched(scene, at_s)
 
 
 def _device(name: str, wait_s: float, lasts: bool, scene: Scene) -> Incident:
     """A device fails and is repaired; the fault is latched until it is cleared. `lasts`: it can not be
     cleared before.
     """
-    speed_m_s = scene.service.wait_moving()
     at_s = scene.strike(name, signal.SIGUSR1)
     time.sleep(wait_s)
-    assert scene.service.state() == "fault", scene.service.seen()
+    assert scene.service.state() == "fault", scene.service.newest()
     if lasts:
-        assert scene.service.clear() == 1, "cleared while the device is away"
+        assert scene.service.command("clear") == 1, "cleared while the device is away"
     scene.strike(name, signal.SIGUSR1)
     time.sleep(0.2)
-    over_s = scene.cleared()
-    scene.rearmed()
-    return Incident(at_s, over_s, speed_m_s)
+    return Incident(at_s, scene.cleared())
 
 
 def _one_writer(found: Evidence, incident: Incident) -> tuple[str, list[str]]:
@@ -393,82 +314,25 @@ def _clock_bound(found: Evidence, incident: Incident) -> tuple[str, list[str]]:
     return f"clock bound ±{bound_s * 1e3:.0f} ms, true error {error_s * 1e3:.0f} ms", wrong
 
 
+_BOTH = "slave", "master"
 _SESSION_LOST = says("slave", "session_lost"), says("master", "session_lost")
+_LATE, _FUTURE = (says("slave", "refused", name=name) for name in ("late", "future"))
 _CLEARED = stopped("clear", "cleared at the slave"), says("slave", "clear", cleared="True")
-_FOUND_LATCHED = stopped("estop", "latched before .*"), *_CLEARED
 _WATCHDOG = stopped("watchdog", "no valid command .*")
 _STOOD_STILL = stopped("watchdog", "the control loop stood still .*")
-_LATE = says("slave", "refused", name="late")
-_FUTURE = says("slave", "refused", name="future")
-_BOTH = "slave", "master"
+_ENDED = stopped("shutdown"), says("slave", "stop")
 
-
-def _failed(reason: str, device: str = "") -> tuple[Expected, ...]:
-    """A device's fault, latched and cleared."""
-    named = (says("slave", "device_fault", name=device, reason=reason),) if device else ()
-    return *named, stopped("fault", reason), heard("fault"), *_CLEARED
-
-
-def _emulated(
-    name: str,
-    device: str,
-    fault: str,
-    rest_s: float,
-    reason: str,
-    wait_s: float = _FAULT_S,
-    end: str = "free",
-) -> Fault:
-    """Of an emulated device; `stage` and `cell` are its process."""
-    lasts = fault == "unplug"
-    return Fault(
-        name,
-        partial(_device, device, wait_s, lasts),
-        "repaired; forefeel clear",
-        rest_s=rest_s,
-        faded_s=rest_s + r.NEAR.faded_s,
-        service={"emulated": {device: f"{fault},{'plug' if lasts else end}"}},
-        events=_failed(reason, ({"cell": "load_cell"}.get(device, device)) if lasts else ""),
-        flights=_BOTH,
-    )
-
-
-def _recorder(
-    what: str, act: Callable[[Scene], Incident], recovery: str, lost_s: float = r.RECORDER_FLUSH_S
-) -> Fault:
-    return Fault(f"recorder {what}", act, recovery, lost_s=lost_s)
-
-
-def _clock_step(role: str, step_s: float, route: Route) -> Fault:
-    back = step_s < 0.0
-    # a master that ends by the fault lets go, unless the slave missed its commands before it heard that
-    first = stopped("(watchdog|release)", "(no valid command|deadman released).*") if back else _WATCHDOG
-    events: tuple[Expected, ...] = (first, _SESSION_LOST[0] if back else _FUTURE)
-    if role == "slave":
-        events = (stopped("fault", ".*"),) if back else (stopped("watchdog"),)
-    if back:
-        events = *events, says(role, "thread_fault", reason=".*")
-    return Fault(
-        f"clock step {step_s:+g} s, {role}",
-        partial(_clock_set, role),
-        "",
-        route,
-        rest_s=route.by_watchdog_s,
-        faded_s=route.told_s,
-        service=EMULATED if role == "slave" else {},
-        steered=(role, Steering(step_s)),
-        events=events,
-        flights=(role if back else "slave",),
-    )
-
-
-def _clock_rate(rate: float, route: Route) -> Fault:
-    name = f"clock rate {rate * 100:+g} %, master"
-    return Fault(
-        name, _clock_refused, "master started again with a right clock; forefeel clear", route,
-        rest_s=route.by_rate_s, faded_s=route.by_rate_s + route.told_s, noticed="fault",
-        steered=("master", Steering(rate=rate)),
-        events=_failed(f"the master's clock runs .* ppm {'fast' if rate > 0 else 'slow'} .*"), flights=_BOTH,
-    )  # fmt: skip
+_NO_FORCE: dict[str, Any] = {"rest_s": r.BY_SILENCE_S, "faded_s": r.FADED_S}
+_NO_DRIVE: dict[str, Any] = {"rest_s": r.BY_DRIVE_S, "faded_s": r.NEAR.faded_s, "service": EMULATED}
+_ESTOPPED: dict[str, Any] = {
+    "rest_s": r.COMMANDED_S + r.BY_FAULT_S, "faded_s": r.COMMANDED_S + r.NEAR.faded_s, "noticed": "estop",
+}  # fmt: skip
+_LATCHED: dict[str, Any] = {"events": (stopped("estop", "latched before .*"), *_CLEARED)}
+_ON_DISK: dict[str, Any] = {
+    "on_disk": True,
+    "service": {**EMULATED, "extra": {"slave": {"state": {"directory": "disk/state"}}}},
+}
+_LOST: dict[str, Any] = {"events": (_WATCHDOG, *_SESSION_LOST), "flights": _BOTH}
 
 
 def faults() -> Iterable[Fault]:
@@ -485,25 +349,23 @@ def faults() -> Iterable[Fault]:
     yield from _of_connections(r.NEAR)
     for fault in (*_of_master(r.FAR), *_of_network(r.FAR)):
         yield replace(fault, name=f"{fault.name}, 300 ms")
-    yield from _of_routes()
-    yield from _of_clocks()
+    yield from _of_clocks(r.NEAR)
     yield from _of_devices()
 
 
 def _of_master(route: Route) -> Iterable[Fault]:
+    rest_s = route.by_watchdog_s
     yield Fault(
-        "master SIGKILL", partial(_killed, "master"), "started again", route, rest_s=route.by_watchdog_s,
+        "master SIGKILL", partial(_killed, "master"), "started again", route, rest_s=rest_s,
         events=(_WATCHDOG, _SESSION_LOST[0]), flights=("slave",),
     )  # fmt: skip
     yield Fault(
         "master SIGSTOP 30 s", partial(_frozen, "master", 30.0), "SIGCONT: a new session",
-        route, rest_s=route.by_watchdog_s, faded_s=r.FADED_S,
-        events=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
+        route, rest_s=rest_s, faded_s=r.FADED_S, **_LOST,
     )  # fmt: skip
     yield Fault(
-        "master SIGSTOP 0.3 s", partial(_frozen, "master", 0.3), "SIGCONT", route,
-        rest_s=route.by_watchdog_s, faded_s=r.FADED_S,
-        events=(_WATCHDOG, heard("watchdog")), flights=_BOTH,
+        "master SIGSTOP 0.3 s", partial(_frozen, "master", 0.3), "SIGCONT",
+        route, rest_s=rest_s, faded_s=r.FADED_S, events=(_WATCHDOG, heard("watchdog")), flights=_BOTH,
     )  # fmt: skip
     yield Fault(
         "two masters at once", _second_master, f"the second one is told: {_HELD}", route,
@@ -513,97 +375,77 @@ def _of_master(route: Route) -> Iterable[Fault]:
 
 def _of_slave() -> Iterable[Fault]:
     yield Fault(
-        "slave SIGKILL", partial(_killed, "slave"), "started again",
-        rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
+        "slave SIGKILL", partial(_killed, "slave"), "started again", **_NO_DRIVE,
         events=(_SESSION_LOST[1],), flights=("master",),
     )  # fmt: skip
     yield Fault(
-        "slave SIGSTOP 30 s", partial(_frozen, "slave", 30.0), "SIGCONT: a new session",
-        rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
+        "slave SIGSTOP 30 s", partial(_frozen, "slave", 30.0), "SIGCONT: a new session", **_NO_DRIVE,
         events=(_STOOD_STILL, *_SESSION_LOST), flights=_BOTH,
     )  # fmt: skip
     yield Fault(
-        "slave SIGSTOP 0.3 s", partial(_frozen, "slave", 0.3), "SIGCONT",
-        rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
+        "slave SIGSTOP 0.3 s", partial(_frozen, "slave", 0.3), "SIGCONT", **_NO_DRIVE,
         events=(_STOOD_STILL, heard("watchdog")), flights=_BOTH,
     )  # fmt: skip
     yield Fault(
         "slave's terminal dropped", partial(_restarted, "slave", number=signal.SIGHUP), "started again",
-        rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
-        events=(stopped("shutdown"), says("slave", "stop"), _SESSION_LOST[1]),
+        **_NO_DRIVE, events=(*_ENDED, _SESSION_LOST[1]),
     )  # fmt: skip
     yield Fault(
         "load cell unplugged, slave SIGKILL", _faulty_then_killed, "repaired, started again, forefeel clear",
         rest_s=r.BY_DEVICE_S, faded_s=r.BY_DEVICE_S + r.NEAR.faded_s,
-        service={"emulated": {"cell": "unplug,plug"}},
-        events=_FOUND_LATCHED,
-        flights=("master",),
+        service={"emulated": {"cell": "unplug,plug"}}, **_LATCHED, flights=("master",),
     )  # fmt: skip
     yield Fault(
-        "calibration of gain 0, slave restarted", _gain_zero, "refused; started again with the right one",
-        rest_s=r.BY_DRIVE_S, faded_s=r.NEAR.faded_s, service=EMULATED,
-        events=(stopped("shutdown"), says("slave", "stop")),
+        "calibration of gain 0, slave restarted", partial(_restarted_refused, _gain_zero, "gain_n"),
+        "refused; started again with the right one", **_NO_DRIVE, events=_ENDED,
     )  # fmt: skip
     yield Fault(
         "1100 silent connections, 1024 descriptors", _silent_connections, "started again, forefeel clear",
-        rest_s=r.COMMANDED_S + r.BY_FAULT_S, faded_s=r.COMMANDED_S + r.NEAR.faded_s, noticed="estop",
-        service=EMULATED, events=_FOUND_LATCHED,
+        **_ESTOPPED, service=EMULATED, **_LATCHED,
     )  # fmt: skip
 
 
 def _of_recorder_and_disk() -> Iterable[Fault]:
-    yield _recorder("SIGKILL", partial(_recorder_struck, signal.SIGKILL), "nobody waits for it")
-    yield _recorder("SIGSTOP 2 s", partial(_recorder_struck, signal.SIGSTOP), "nobody waits for it")
-    yield _recorder("disk full", _recorder_disk_full, "ends and says so; the others go on", r.DISK_FULL_S)
-    on_disk: dict[str, Any] = {**EMULATED, "extra": {"slave": {"state": {"directory": "disk/state"}}}}
+    for name, number in (("SIGKILL", signal.SIGKILL), ("SIGSTOP 2 s", signal.SIGSTOP)):
+        act = partial(_recorder_struck, number)
+        yield Fault(f"recorder {name}", act, "nobody waits for it", lost_s=r.RECORDER_FLUSH_S)
+    ended = "ends and says so; the others go on"
+    yield Fault("recorder disk full", _recorder_disk_full, ended, lost_s=r.DISK_FULL_S)
     yield Fault(
         "state folder full, stopped, slave SIGKILL", _stopped_on_a_full_disk,
-        "room made, started again, forefeel clear",
-        rest_s=r.COMMANDED_S + r.BY_FAULT_S, faded_s=r.COMMANDED_S + r.NEAR.faded_s, noticed="estop",
-        on_disk=True, service=on_disk,
-        events=_FOUND_LATCHED,
-        flights=("master",),
+        "room made, started again, forefeel clear", **_ESTOPPED, **_ON_DISK, **_LATCHED, flights=("master",),
     )  # fmt: skip
+    read_only = partial(
+        _restarted_refused, _read_only, "Read-only file system; expected one that can be written"
+    )
     yield Fault(
-        "state folder read-only, slave restarted", _read_only, "made writable: started again",
-        rest_s=r.BY_FAULT_S, faded_s=r.NEAR.faded_s, on_disk=True, service=on_disk,
-        events=(stopped("shutdown"), says("slave", "stop")),
+        "state folder read-only, slave restarted", read_only, "made writable: started again",
+        rest_s=r.BY_FAULT_S, faded_s=r.NEAR.faded_s, **_ON_DISK, events=_ENDED,
     )  # fmt: skip
 
 
 def _of_network(route: Route) -> Iterable[Fault]:
+    again = "link mended: a new session"
+    yield Fault("link cut 2 s", partial(_cut, _FAULT_S, 1), again, route, **_NO_FORCE, **_LOST)
+    again = "stall over: a new session"
+    yield Fault("stall 2 s, burst", partial(stalled, 2.0), again, route, **_NO_FORCE, **_LOST)
     yield Fault(
-        "link cut 2 s", _cut, "link mended: a new session", route, rest_s=r.BY_SILENCE_S, faded_s=r.FADED_S,
-        events=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
-    )  # fmt: skip
-    yield Fault(
-        "stall 2 s, burst", partial(stalled, 2.0), "stall over: a new session", route,
-        rest_s=r.BY_SILENCE_S, faded_s=r.FADED_S, events=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
-    )  # fmt: skip
-    yield Fault(
-        "stall 0.3 s, burst", partial(stalled, 0.3), "stall over", route,
-        rest_s=r.BY_SILENCE_S, faded_s=r.FADED_S,
+        "stall 0.3 s, burst", partial(stalled, 0.3), "stall over", route, **_NO_FORCE,
         events=(_WATCHDOG, _LATE, heard("watchdog")), flights=_BOTH,
     )  # fmt: skip
     yield Fault(
-        "all lost for 0.4 s, three times", _bursts, "by itself, each time", route,
-        rest_s=r.BY_SILENCE_S, faded_s=r.FADED_S, events=(_WATCHDOG,), flights=_BOTH,
+        "all lost for 0.4 s, three times", partial(_cut, 0.4, 3), "by itself, each time", route, **_NO_FORCE,
+        events=(_WATCHDOG,), flights=_BOTH,
     )  # fmt: skip
     yield Fault("30 % loss 4 s", partial(_shaped, 4.0, loss=0.3), "loss over", route, may_go_on=True)
-    mixed: dict[str, Any] = {"duplicate": 0.05, "reorder": 0.05, "reorder_hold_s": 0.020}
-    yield Fault(
-        "5 % doubled, 5 % overtaken by 20 ms, 5 s",
-        partial(_shaped, 5.0, **mixed),
-        "nothing to recover",
-        route,
-    )
+    mixed = partial(_shaped, 5.0, duplicate=0.05, reorder=0.05, reorder_hold_s=0.020)
+    yield Fault("5 % doubled, 5 % overtaken by 20 ms, 5 s", mixed, "nothing to recover", route)
 
 
 def _of_connections(route: Route) -> Iterable[Fault]:
     yield Fault(
         f"packets over {_SMALL_BYTES} bytes dropped, master restarted", _small_packets_at_start,
-        f"an MTU of {_SMALL_BYTES} on its host",
-        route, rest_s=route.by_watchdog_s, faded_s=r.FADED_S,
+        f"an MTU of {_SMALL_BYTES} on its host", route, rest_s=route.by_watchdog_s, faded_s=r.FADED_S,
         events=(stopped("release"), says("master", "start")),
     )  # fmt: skip
     yield Fault(
@@ -611,44 +453,66 @@ def _of_connections(route: Route) -> Iterable[Fault]:
         events=(_WATCHDOG, _SESSION_LOST[0]), flights=("slave",),
     )  # fmt: skip
     yield Fault(
-        "router SIGKILL", _router_killed, "router started again: a new session", route,
-        rest_s=r.BY_SILENCE_S, faded_s=route.faded_s,
-        service={"through_router": True, "emulated": {}},
-        events=(_WATCHDOG, *_SESSION_LOST), flights=_BOTH,
-    )  # fmt: skip
-
-
-def _of_routes() -> Iterable[Fault]:
-    yield Fault(
-        "round trip 20 -> 500 -> 20 ms", _jumped, "by itself: a new session on the longer way",
-        changing=True, rest_s=r.NEAR.by_watchdog_s, faded_s=r.NEAR.faded_s,
-        events=(_WATCHDOG, _LATE), flights=_BOTH,
+        "router SIGKILL", partial(_killed, "router"), "router started again: a new session", route,
+        rest_s=r.BY_SILENCE_S, faded_s=route.faded_s, service={"through_router": True, **EMULATED}, **_LOST,
     )  # fmt: skip
     yield Fault(
-        "200 ms there, 10 ms back", partial(_as_it_is, 5.0), "nothing to recover", r.ASYMMETRIC,
-        finding=_clock_bound,
+        "round trip 20 -> 500 -> 20 ms", _jumped, "by itself: a new session on the longer way", route,
+        changing=True, rest_s=route.by_watchdog_s, faded_s=route.faded_s, events=(_WATCHDOG, _LATE),
+        flights=_BOTH,
     )  # fmt: skip
+    same = partial(_shaped, 5.0)
+    yield Fault("200 ms there, 10 ms back", same, "nothing to recover", r.ASYMMETRIC, finding=_clock_bound)
 
 
-def _of_clocks() -> Iterable[Fault]:
-    for role in ("master", "slave"):
-        yield from (_clock_step(role, step_s, r.NEAR) for step_s in (1.0, -1.0))
+def _of_clocks(route: Route) -> Iterable[Fault]:
+    # a master that ends by the fault lets go, unless the slave missed its commands before it heard that
+    let_go = stopped("(watchdog|release)", "(no valid command|deadman released).*")
+    steps: tuple[tuple[str, float, tuple[Expected, ...]], ...] = (
+        ("master", 1.0, (_WATCHDOG, _FUTURE)),
+        ("master", -1.0, (let_go, _SESSION_LOST[0], says("master", "thread_fault", reason=".*"))),
+        ("slave", 1.0, (stopped("watchdog"),)),
+        ("slave", -1.0, (stopped("fault"), says("slave", "thread_fault", reason=".*"))),
+    )
+    for role, step_s, events in steps:
+        yield Fault(
+            f"clock step {step_s:+g} s, {role}", partial(_clock_set, role), "", route,
+            rest_s=route.by_watchdog_s, faded_s=route.told_s, service=EMULATED if role == "slave" else {},
+            steered=(role, Steering(step_s)), events=events, flights=(role if step_s < 0.0 else "slave",),
+        )  # fmt: skip
     yield Fault(
-        "clock rate +500 ppm, master, 20 s", partial(_clock_slewed, 20.0), "nothing to recover",
+        "clock rate +500 ppm, master, 20 s", partial(_clock_slewed, 20.0), "nothing to recover", route,
         steered=("master", Steering(rate=500e-6)),
     )  # fmt: skip
-    yield _clock_rate(0.08, r.NEAR)
+    yield Fault(
+        "clock rate +8 %, master", _clock_refused,
+        "master started again with a right clock; forefeel clear", route,
+        rest_s=route.by_rate_s, faded_s=route.by_rate_s + route.told_s, noticed="fault",
+        steered=("master", Steering(rate=0.08)),
+        events=(stopped("fault", "the master's clock runs .* ppm fast .*"), heard("fault"), *_CLEARED),
+        flights=_BOTH,
+    )  # fmt: skip
 
 
 def _of_devices() -> Iterable[Fault]:
-    blind = "load cell invalid for more than 0.2 s"
-    yield _emulated("stage unplugged", "stage", "unplug", r.BY_DRIVE_S, ".*zaber_ascii.*")
-    yield _emulated("load cell unplugged", "cell", "unplug", r.BY_DEVICE_S, ".*bota_serial.*gone.*")
-    yield _emulated("load cell NaN", "cell", "nan", r.BLIND_S, blind)
-    yield _emulated("load cell stuck", "cell", "stuck", r.STUCK_S, blind, 3.0)
+    """Each emulated one is told what fails and what ends it; `stage` and `cell` are its process."""
+    blind, pull = "load cell invalid for more than 0.2 s", "load cell pulls .*"
     # of a stage that stalls the Zaber itself may be the first to tell
-    yield _emulated("stage stuck", "stage", "stuck", r.STRAYED_S, ".*(off its setpoint|stalled).*")
-    slow = ".*off its setpoint.*"
-    yield _emulated("stage at 10 mm/s", "stage", "slow", r.STRAYED_S, slow, end="honest")
-    pull = "load cell pulls .*"
-    yield _emulated("load cell reversed", "cell", "reversed", r.PULLED_S, pull, 2 * r.PULLED_S, end="honest")
+    stuck, slow = ".*(off its setpoint|stalled).*", ".*off its setpoint.*"
+    for name, process, happens, rest_s, reason, wait_s in (
+        ("stage unplugged", "stage", "unplug,plug", r.BY_DRIVE_S, ".*zaber_ascii.*", _FAULT_S),
+        ("load cell unplugged", "cell", "unplug,plug", r.BY_DEVICE_S, ".*bota_serial.*gone.*", _FAULT_S),
+        ("load cell NaN", "cell", "nan,free", r.BLIND_S, blind, _FAULT_S),
+        ("load cell stuck", "cell", "stuck,free", r.STUCK_S, blind, 3.0),
+        ("stage stuck", "stage", "stuck,free", r.STRAYED_S, stuck, _FAULT_S),
+        ("stage at 10 mm/s", "stage", "slow,honest", r.STRAYED_S, slow, _FAULT_S),
+        ("load cell reversed", "cell", "reversed,honest", r.PULLED_S, pull, 2 * r.PULLED_S),
+    ):
+        unplugged = happens == "unplug,plug"
+        device = "load_cell" if process == "cell" else "stage"
+        told = (says("slave", "device_fault", name=device, reason=reason),) if unplugged else ()
+        yield Fault(
+            name, partial(_device, process, wait_s, unplugged), "repaired; forefeel clear",
+            rest_s=rest_s, faded_s=rest_s + r.NEAR.faded_s, service={"emulated": {process: happens}},
+            events=(*told, stopped("fault", reason), heard("fault"), *_CLEARED), flights=_BOTH,
+        )  # fmt: skip

@@ -2,8 +2,8 @@
 
 import re
 import time
-from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence, Set
+from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
@@ -27,7 +27,6 @@ class Expected:
     details: Mapping[str, str]
 
     def matches(self, found: Event) -> bool:
-        """Whether it is that one."""
         return found.event == self.event and all(
             re.fullmatch(pattern, str(found.details.get(name))) for name, pattern in self.details.items()
         )
@@ -52,40 +51,37 @@ def heard(event: str) -> Expected:
     return says("master", "slave_safety", event=event)
 
 
-@dataclass(slots=True)
-class Found:
-    """What was found, and what of it is not as required."""
-
-    entries: int = 0
-    said: list[str] = field(default_factory=list)
-    flights: int = 0
-    failures: list[str] = field(default_factory=list)
-
-    def __str__(self) -> str:
-        records = f"; {self.flights} flight record{'s' * (self.flights != 1)}" if self.flights else ""
-        return f"{self.entries} events{': ' * bool(self.said)}{', '.join(self.said)}{records}"
-
-
-def logged(
+def judge_logs(
     folder: Path, expected: Sequence[Expected], flights: Sequence[str], since_s: float, stood: Set[str]
-) -> Found:
-    """Whether both logs hold what was expected since then.
+) -> tuple[str, list[str]]:
+    """What both logs hold, and what of it is not as required since then.
 
     Args:
         flights: the roles of whom a record is due.
         stood: those of them that stood still, whose record may be short.
     """
-    found = Found()
-    entries = {role: _events(folder, role, found) for role in ROLES}
-    for each in expected:
-        hits = [one for one in entries[each.role] if each.matches(one)]
-        if not any(_written_s(one) >= since_s for one in hits):
-            found.failures.append(f"no event {each}; {_last(entries[each.role])}")
-        word = str(each.details.get("event", each.event)).replace("_", " ")
-        if word not in found.said:
-            found.said.append(word)
-    _check_flights(folder, flights, stood, found)
-    return found
+    failures, entries = list[str](), dict[str, list[Event]]()
+    for role in ROLES:
+        path = event_file(folder, role)
+        entries[role] = read_events(path) if path.exists() else []
+        if not entries[role] or entries[role][-1].event != "stop":
+            failures.append(f"event log of the {role} does not end with a stop")
+    for event in expected:
+        hits = [entry for entry in entries[event.role] if event.matches(entry)]
+        if not any(_written_s(entry) >= since_s for entry in hits):
+            last = [f"{entry.event} {dict(entry.details)}"[:120] for entry in entries[event.role][-8:]]
+            failures.append(f"no event {event}; {'; '.join(last)}")
+    records = 0
+    for role in ROLES:
+        files = flight_files(folder, role)
+        records += len(files)
+        if role in flights and not files:
+            failures.append(f"no flight record of the {role}")
+        least = 1 if role in stood else required.FLOWN
+        failures += [f"{path.name} of the {role}: {it}" for path in files for it in _wrong(path, role, least)]
+    names = dict.fromkeys(event.details.get("event", event.event).replace("_", " ") for event in expected)
+    counts = f"{sum(map(len, entries.values()))} events, {records} flight records"
+    return ": ".join(filter(None, [counts, ", ".join(names)])), failures
 
 
 def _written_s(event: Event) -> float:
@@ -93,37 +89,14 @@ def _written_s(event: Event) -> float:
     return datetime.fromisoformat(event.utc).timestamp() - time.time() + time.monotonic()
 
 
-def _events(folder: Path, role: str, found: Found) -> list[Event]:
-    path = event_file(folder, role)
-    if not path.exists():
-        found.failures.append(f"the {role} has no event log")
-        return []
-    entries = read_events(path)
-    found.entries += len(entries)
-    if not entries or entries[-1].event != "stop":
-        found.failures.append(f"event log of the {role} does not end with a stop")
-    return entries
-
-
-def _last(entries: Sequence[Event]) -> str:
-    return "; ".join(f"{one.event} {dict(one.details)}"[:120] for one in entries[-8:])
-
-
-def _check_flights(folder: Path, due: Sequence[str], stood: Set[str], found: Found) -> None:
-    """Each flight record is whole and leads up to its event; in FAULT and at rest no setpoint moves."""
-    for role in ROLES:
-        files = flight_files(folder, role)
-        if role in due and not files:
-            found.failures.append(f"no flight record of the {role}")
-        for path in files:
-            run = Run(path)
-            wrong = ["truncated"] if run.truncated else []
-            ticks = run.count(AXIS, CONTROL_CYCLE if role == "slave" else HAPTICS)
-            if ticks < (1 if role in stood else required.FLOWN):
-                wrong.append(f"{ticks} ticks only")
-            if role == "slave" and any(
-                cycle.moving for cycle in run.messages(AXIS, CONTROL_CYCLE) if cycle.state in _HELD
-            ):
-                wrong.append("a setpoint moves while nothing may")
-            found.failures += [f"{path.name} of the {role}: {what}" for what in wrong]
-            found.flights += not wrong
+def _wrong(path: Path, role: str, least_ticks: int) -> Iterator[str]:
+    """A flight record is whole and leads up to its event; in FAULT and at rest no setpoint moves."""
+    run = Run(path)
+    if run.truncated:
+        yield "truncated"
+    ticks = run.count(AXIS, CONTROL_CYCLE if role == "slave" else HAPTICS)
+    if ticks < least_ticks:
+        yield f"{ticks} ticks only"
+    cycles = run.messages(AXIS, CONTROL_CYCLE) if role == "slave" else []
+    if any(cycle.moving for cycle in cycles if cycle.state in _HELD):
+        yield "a setpoint moves while nothing may"

@@ -2,12 +2,13 @@
 
 import shutil
 import subprocess
+from contextlib import suppress
 from pathlib import Path
 from typing import Self
 
 
 class SmallDisk:
-    """Mounted on `folder` for those who are started `within`; gone with `close`.
+    """Mounted on `folder` for those who are started `within`; gone at the end of the `with`.
 
     Network namespaces that were made before are known there, later ones are not.
     """
@@ -20,7 +21,7 @@ class SmallDisk:
         self._holder = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True)
         assert self._holder.stdout is not None
         if self._holder.stdout.readline() != "mounted\n":
-            self.close()
+            self.__exit__()
             raise AssertionError(f"{folder}: no tmpfs could be mounted in a mount namespace")
 
     @property
@@ -34,33 +35,24 @@ class SmallDisk:
         return Path(f"/proc/{self._holder.pid}/root{self.folder}")
 
     def fill(self) -> None:
-        with (self.seen / "ballast").open("wb", buffering=0) as file:
-            try:
-                while True:
-                    file.write(bytes(4096))
-            except OSError:
-                return
+        with (self.seen / "ballast").open("wb", buffering=0) as file, suppress(OSError):
+            while True:
+                file.write(bytes(4096))
 
     def free(self) -> None:
         (self.seen / "ballast").unlink()
 
     def allow_writing(self, allowed: bool) -> None:
-        """Whether it can be written to; it can not be taken away while a file is open for it."""
+        """It can not be forbidden while a file is open for it."""
         how = "rw" if allowed else "ro"
         subprocess.run([*self.within, "mount", "-o", f"remount,{how}", str(self.folder)], check=True)
 
     def free_bytes(self) -> int:
         return shutil.disk_usage(self.seen).free
 
-    def close(self) -> None:
-        if self._holder.poll() is None:
-            self._holder.kill()
-        self._holder.wait()
-        if self._holder.stdout is not None:
-            self._holder.stdout.close()
-
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self.close()
+        self._holder.kill()
+        self._holder.communicate()

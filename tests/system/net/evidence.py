@@ -4,7 +4,6 @@ CLOCK_MONOTONIC.
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,22 +30,12 @@ _FIRST_S = 1.0
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
-    """Where the stage was. `certain`: told by the stage itself, not by a daemon that may be dead."""
-
-    time_s: Floats
-    position_m: Floats
-    certain: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Rest:
-    """When the stage had come to rest after an instant, None if it never did; and by how much it moved on
+class Rest(NamedTuple):
+    """When the stage had come to rest after an instant, infinite if it never did; and by how much it moved on
     from there without an engagement.
     """
 
-    after_s: float | None
+    after_s: float
     moved_again_m: float
 
 
@@ -81,17 +70,22 @@ class Evidence:
     def __init__(self, folder: Path, steered: tuple[str, Steering, float] | None = None) -> None:
         self._steered = steered
         self.slave, self.master = Run(folder / "slave.mcap"), Run(folder / "master.mcap")
-        self.motion = self._motion(motion_file(folder))
+        self._time_s, self._position_m = self._motion(motion_file(folder))
         self._haptics = self._felt([self.master, *map(Run, flight_files(folder, "master"))])
         own = steered is not None and steered[0] == "slave"
-        self.events = self._recorded_events() if own else logged_events(folder)
+        self.events = self._recorded_events() if own else self._logged_events(event_file(folder, "slave"))
 
     def _recorded_events(self) -> list[tuple[float, Event]]:
-        if not self.slave.axes:
-            return []
-        told = self.slave.messages(AXIS, SAFETY_EVENT)
+        told = self.slave.messages(AXIS, SAFETY_EVENT) if self.slave.axes else []
         events = [Event(one.event, one.before.value, one.after.value, one.reason) for one in told]
         return list(zip(self._times(self.slave, SAFETY_EVENT).tolist(), events, strict=True))
+
+    def _logged_events(self, path: Path) -> list[tuple[float, Event]]:
+        return [
+            (entry.monotonic_ns * S, Event(*(str(entry.details[name]) for name in Event._fields)))
+            for entry in read_events(path)
+            if entry.event == SAFETY
+        ]
 
     def _felt(self, runs: Sequence[Run]) -> Felt:
         """All haptic ticks that any of them has."""
@@ -117,14 +111,15 @@ class Evidence:
         arrived_s: Floats = np.asarray(run.log_ns(AXIS, topic) * S, dtype=np.float64)
         return set_right(time_s, run.column(AXIS, topic, "sequence"), arrived_s, steering, at_s)
 
-    def _motion(self, path: Path) -> Motion:
+    def _motion(self, path: Path) -> tuple[Floats, Floats]:
+        """Times and positions of the stage: its own where it is emulated, else those that the slave told."""
         if path.exists():
             size = path.stat().st_size // ROW.size * ROW.size
             rows = np.frombuffer(path.read_bytes()[:size], dtype=[("t", "<i8"), ("x", "<f8"), ("v", "<f8")])
-            return Motion(rows["t"] * S, rows["x"].astype(np.float64), True)
-        times = self._times(self.slave, FORCE)
-        order = np.argsort(times, kind="stable")
-        return Motion(times[order], self.slave.column(AXIS, FORCE, "position_m")[order], False)
+            return rows["t"] * S, rows["x"].astype(np.float64)
+        time_s = self._times(self.slave, FORCE)
+        order = np.argsort(time_s, kind="stable")
+        return time_s[order], self.slave.column(AXIS, FORCE, "position_m")[order]
 
     def next_event_s(self, name: str, after_s: float) -> float | None:
         """When the slave's safety machine next reported that event; `name`: a regular expression."""
@@ -138,24 +133,29 @@ class Evidence:
         return bool(before) and before[-1].after in FOLLOWING
 
     def rest(self, after_s: float) -> Rest:
-        """Of the first stop after that instant, up to the next engagement."""
+        """Judges the first stop after that instant, up to the next engagement."""
         until_s = self.next_event_s("engage", after_s) or np.inf
-        span = (self.motion.time_s >= after_s) & (self.motion.time_s < until_s)
-        return rest(self.motion.time_s[span], self.motion.position_m[span], after_s)
+        span = (self._time_s >= after_s) & (self._time_s < until_s)
+        time_s, position_m = self._time_s[span], self._position_m[span]
+        for start in range(len(time_s)):
+            off_m = np.abs(position_m[start:] - position_m[start])
+            moved = np.flatnonzero(off_m > STILL_M)
+            end = start + int(moved[0]) if len(moved) else len(time_s) - 1
+            if time_s[end] - time_s[start] > STILL_FOR_S:
+                return Rest(float(time_s[start] - after_s), float(off_m.max()))
+        return Rest(np.inf, 0.0)
 
-    def moved_while_stopped_m(self, grace_s: float, after_s: float = 0.0) -> float:
+    def moved_while_stopped_m(self, grace_s: float) -> float:
         """The most that the stage moved between any stop, `grace_s` later, and the next engagement."""
-        worst, stopped_s = 0.0, None
+        worst_m, stopped_s = 0.0, np.inf
         for time_s, event in [*self.events, (np.inf, None)]:
-            if stopped_s is not None and (event is None or event.event == "engage"):
-                span = (self.motion.time_s > stopped_s + grace_s) & (self.motion.time_s < time_s)
-                moved = self.motion.position_m[span]
-                worst = max(worst, float(np.ptp(moved)) if len(moved) else 0.0)
-                stopped_s = None
-            if event is not None and event.after in ("stopping", "fault", "estopped"):
-                stopped_s = stopped_s if stopped_s is not None else time_s
-                stopped_s = None if time_s < after_s else stopped_s
-        return worst
+            if event is None or event.event == "engage":
+                moved = self._position_m[(self._time_s > stopped_s + grace_s) & (self._time_s < time_s)]
+                worst_m = max(worst_m, float(np.ptp(moved)) if len(moved) else 0.0)
+                stopped_s = np.inf
+            elif event.after in ("stopping", "fault", "estopped"):
+                stopped_s = min(stopped_s, time_s)
+        return worst_m
 
     def executed(self, after_s: float) -> set[int]:
         """The sessions of which a command began to be executed after that instant."""
@@ -219,27 +219,35 @@ class Evidence:
         felt_n = felt.force_n[(felt.time_s > at_s - 0.05) & (felt.time_s <= at_s)]
         return float(felt_n.max()) if len(felt_n) else 0.0
 
-    def faded_after_s(self, at_s: float) -> float | None:
-        """How long after that instant the hand still felt something; None when it did not fade.
+    def faded_after_s(self, at_s: float) -> float:
+        """How long after that instant the hand still felt something; infinite when it did not fade.
 
         Up to the next engagement. A master that publishes nothing any more shows nothing.
         """
         until_s = self.next_event_s("engage", at_s) or np.inf
-        time_s, force_n = self._haptics.time_s, self._haptics.force_n
+        time_s = self._haptics.time_s
         span = (time_s > at_s) & (time_s < until_s)
-        felt = force_n[span] > FELT_N
+        time_s, felt = time_s[span], self._haptics.force_n[span] > FELT_N
         if not felt.any():
             return 0.0
-        last = int(np.flatnonzero(felt)[-1])
-        return None if last == len(felt) - 1 else float(time_s[span][last] - at_s)
+        return np.inf if felt[-1] else float(time_s[felt][-1] - at_s)
 
     def felt_stale_s(self, stale_s: float, frozen: tuple[float, float] | None = None) -> float:
-        """See `felt_stale_s`. `frozen`: from when to when the master stood still, which does not count."""
-        haptics = self._haptics
-        if frozen is not None:
-            stood_s = np.clip(haptics.time_s - frozen[0], 0.0, frozen[1] - frozen[0])
-            haptics = haptics._replace(time_s=haptics.time_s - stood_s)
-        return felt_stale_s(haptics, stale_s)
+        """The longest for which the hand felt something after the last force that was not older than that
+        above the usual age, see `usual_s`. `frozen`: from when to when the master stood still, which does not
+        count.
+        """
+        felt, longest_s = self._haptics, 0.0
+        for session in np.unique(felt.session):
+            mine = (felt.session == session) & np.isfinite(felt.age_s)
+            time_s, age_s = felt.time_s[mine], felt.age_s[mine]
+            if frozen is not None:
+                time_s = time_s - np.clip(time_s - frozen[0], 0.0, frozen[1] - frozen[0])
+            fresh = age_s - usual_s(time_s, age_s) <= stale_s
+            newest_s = np.maximum.accumulate(np.where(fresh, time_s, -np.inf))
+            hand = felt.force_n[mine] > FELT_N
+            longest_s = max(longest_s, float((time_s - newest_s)[hand].max(initial=0.0)))
+        return longest_s
 
     def clock_bound_s(self, after_s: float) -> tuple[float, float]:
         """(the largest bound that the slave gave for its comparison of the clocks, its largest error).
@@ -265,30 +273,6 @@ def usual_s(time_s: Floats, age_s: Floats) -> Floats:
     return found
 
 
-def felt_stale_s(felt: Felt, stale_s: float) -> float:
-    """The longest for which the hand felt something after the last force that was not older than that above
-    the usual age, see `usual_s`.
-    """
-    longest_s = 0.0
-    for session in np.unique(felt.session):
-        mine = (felt.session == session) & np.isfinite(felt.age_s)
-        time_s, age_s = felt.time_s[mine], felt.age_s[mine]
-        fresh = age_s - usual_s(time_s, age_s) <= stale_s
-        newest_s = np.maximum.accumulate(np.where(fresh, time_s, -np.inf))
-        hand = felt.force_n[mine] > FELT_N
-        longest_s = max(longest_s, float((time_s - newest_s)[hand].max(initial=0.0)))
-    return longest_s
-
-
-def logged_events(folder: Path) -> list[tuple[float, Event]]:
-    """The slave's transitions by its own event log, and when they were."""
-    return [
-        (one.monotonic_ns * S, Event(*(str(one.details[name]) for name in Event._fields)))
-        for one in read_events(event_file(folder, "slave"))
-        if one.event == SAFETY
-    ]
-
-
 def set_right(
     time_s: Floats, sequence: NDArray[np.int64], arrived_s: Floats, steering: Steering, at_s: float
 ) -> Floats:
@@ -308,26 +292,3 @@ def set_right(
         if not len(back):  # too few messages to show it
             wrong[:end] = (arrived_s[:end] > at_s) & (arrived_s[:end] - time_s[:end] > 0.9 * abs(step_s))
     return np.where(wrong, steering.host_s(time_s, at_s), time_s)
-
-
-def rest(time_s: Floats, position_m: Floats, after_s: float, still_for_s: float = STILL_FOR_S) -> Rest:
-    """What those positions say of the stage's rest, in s after that instant."""
-    still = _first_still(time_s, position_m, still_for_s)
-    if still is None:
-        return Rest(None, 0.0)
-    moved_m = np.abs(position_m[still:] - position_m[still])
-    return Rest(float(time_s[still] - after_s), float(moved_m.max()))
-
-
-def _first_still(time_s: Floats, position_m: Floats, still_for_s: float) -> int | None:
-    """The first sample from which the stage stays within STILL_M for a while."""
-    if not len(time_s):
-        return None
-    start, n = 0, len(time_s)
-    while start < n:
-        moved = np.flatnonzero(np.abs(position_m[start:] - position_m[start]) > STILL_M)
-        end = n - 1 if not len(moved) else start + int(moved[0])
-        if time_s[end] - time_s[start] > still_for_s:
-            return start
-        start += 1
-    return None

@@ -1,64 +1,166 @@
-"""Two hosts, 10.77.0.1 and 10.77.0.2, the cable between them and the processes on them."""
+"""Two hosts, the cable between them and the processes on them: network namespaces of one machine.
 
+Stamps are CLOCK_MONOTONIC in ns.
+"""
+
+import ctypes
+import fcntl
+import json
 import os
 import signal
+import struct
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import count
 from pathlib import Path
+from typing import Any
 
-from tests.live_cell import IMPORTS
-from tests.system.net.cable import MEASURING, TunCable
-from tests.system.net.namespaces import ip, remove
+from tests.live_cell import IMPORTS, ROOT
 from tests.waiting import PATIENCE_S
 
+ADDRESSES = "10.77.0.1", "10.77.0.2"
+MEASURING = "10.78.0.1", "10.78.0.2"
 Process = subprocess.Popen[bytes]
 _NUMBERS = count()
+_END_S = 5.0
+_TUNSETIFF = 0x400454CA
+_IFF_TUN, _IFF_NO_PI = 0x0001, 0x1000
+_CLONE_NEWNET = 0x40000000
+
+
+def ip(*words: str) -> None:
+    """iproute2.
+
+    Raises:
+        AssertionError: it refused.
+    """
+    done = subprocess.run(["ip", *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, f"ip {' '.join(words)}: {done.stderr.strip()}"
+
+
+@contextmanager
+def inside(name: str) -> Iterator[None]:
+    """Puts this thread into the namespace meanwhile; what it opens there stays there."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    with Path("/proc/thread-self/ns/net").open() as home, Path(f"/run/netns/{name}").open() as there:
+        try:
+            if libc.setns(there.fileno(), _CLONE_NEWNET) != 0:
+                raise OSError(ctypes.get_errno(), "setns")
+            yield
+        finally:
+            if libc.setns(home.fileno(), _CLONE_NEWNET) != 0:
+                raise OSError(ctypes.get_errno(), "setns")
+
+
+def open_tun(namespace: str) -> int:
+    """A new TUN device in that namespace, of its name; gone when the descriptor is closed."""
+    with inside(namespace):
+        tun = os.open("/dev/net/tun", os.O_RDWR | os.O_NONBLOCK)
+        fcntl.ioctl(tun, _TUNSETIFF, struct.pack("16sH22x", namespace.encode(), _IFF_TUN | _IFF_NO_PI))
+    return tun
+
+
+class TunCable:
+    """The forwarder, a process: see `tests.system.net.forwarder`. A cut is silent for both ends.
+
+    Each order returns when it took effect.
+    """
+
+    def __init__(self, names: Sequence[str], seed: int = 1) -> None:
+        tuns = [open_tun(name) for name in names]
+        command = [sys.executable, "-m", "tests.system.net.forwarder", *map(str, tuns), str(seed)]
+        self._process = subprocess.Popen(
+            command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1,
+            pass_fds=tuns,
+        )  # fmt: skip
+        for tun in tuns:
+            os.close(tun)
+        try:
+            self._answer()
+            for name, address in zip(names, ADDRESSES, strict=True):
+                ip("-n", name, "address", "add", f"{address}/24", "dev", name)
+                ip("-n", name, "link", "set", name, "up")
+        except BaseException:
+            self.close()
+            raise
+
+    def shape(self, way: str = "both", largest_bytes: int | None = None, **settings: Any) -> int:  # noqa: ANN401
+        """Shapes it from now on: the fields of `ImpairmentSettings`, or `preset`; without any it is
+        transparent.
+
+        `way`: `ab` (from the first host to the second), `ba` or both.
+        """
+        return self._order(do="shape", way=way, largest_bytes=largest_bytes, settings=settings)
+
+    def stall(self, stall_s: float) -> int:
+        """Holds everything for that long, then delivers it in one burst."""
+        return self._order(do="stall", stall_s=stall_s)
+
+    def cut(self) -> int:
+        """Pulls the cable, which neither end notices."""
+        return self._order(do="cut")
+
+    def mend(self) -> int:
+        """Plugs it in again."""
+        return self._order(do="mend")
+
+    def forget(self) -> int:
+        """From now on no packet passes of a TCP connection that there was; see `Way`."""
+        return self._order(do="forget")
+
+    def count(self) -> dict[str, Any]:
+        """Packets by way and fate; see `Way`."""
+        return self._ask(do="count")
+
+    def close(self) -> None:
+        """Closes its standard input, with which it ends."""
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                pipe.close()
+        try:
+            self._process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _order(self, **order: Any) -> int:  # noqa: ANN401
+        return int(self._ask(**order)["at_ns"])
+
+    def _ask(self, **order: Any) -> dict[str, Any]:  # noqa: ANN401
+        assert self._process.stdin is not None
+        self._process.stdin.write(json.dumps(order) + "\n")
+        return self._answer()
+
+    def _answer(self) -> dict[str, Any]:
+        assert self._process.stdout is not None
+        line = self._process.stdout.readline()
+        assert line, "the forwarder has ended"
+        answer: dict[str, Any] = json.loads(line)
+        return answer
 
 
 class Hosts:
-    """Whatever happens, `close` ends every process and takes the namespaces away."""
+    """The network namespaces `names` and the processes in them, whose logs are in `folder`."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        number = next(_NUMBERS)
-        self.names = [f"ff{os.getpid()}{end}{number}" for end in "ab"]
+    def __init__(self, folder: Path, names: Sequence[str]) -> None:
+        self.folder, self.names = folder, names
         self.expected_ends: set[int] = set()
         self._processes: list[Process] = []
-        self._made: list[str] = []
-
-    def join(self, seed: int) -> TunCable:
-        """Makes them; nothing but the cable leads out of either."""
-        for name in self.names:
-            ip("netns", "add", name)
-            self._made.append(name)
-            ip("-n", name, "link", "set", "lo", "up")
-        self._cable = TunCable(self.names, seed)
-        self._measure()
-        return self._cable
-
-    def _measure(self) -> None:
-        """A second link, 10.78.0.1 and 10.78.0.2, for a recorder of both: what is tried is not its way."""
-        a, b = self.names
-        ip("link", "add", f"{a}m", "netns", a, "type", "veth", "peer", "name", f"{b}m", "netns", b)
-        for name, address in zip(self.names, MEASURING, strict=True):
-            ip("-n", name, "address", "add", f"{address}/24", "dev", f"{name}m")
-            ip("-n", name, "link", "set", f"{name}m", "up")
 
     def run(self, host: int, log: str, *words: str, within: Sequence[str] = ()) -> Process:
         """`python -m WORDS` on that host; `ip netns exec` becomes it. `within`: what to start it with."""
         command = [*within, "ip", "netns", "exec", self.names[host], sys.executable, "-m", *words]
-        with (self.folder / log).open("ab") as said:
+        with (self.folder / log).open("ab") as output:
             process = subprocess.Popen(
                 command,
                 cwd=self.folder,
                 env={**os.environ, "PYTHONPATH": IMPORTS},
                 stdin=subprocess.DEVNULL,
-                stdout=said,
-                stderr=said,
+                stdout=output,
+                stderr=output,
             )
         self._processes.append(process)
         return process
@@ -74,13 +176,10 @@ class Hosts:
         deadline_s = time.monotonic() + timeout_s
         while not condition():
             late = time.monotonic() > deadline_s
-            if late or not all(process.poll() is None for process in self.running):
+            ended = [p for p in self._processes if p.pid not in self.expected_ends and p.poll() is not None]
+            if late or ended:
                 raise AssertionError(f"{'too late' if late else 'one has ended'}: {what} {self.last_words()}")
             time.sleep(0.02)
-
-    @property
-    def running(self) -> list[Process]:
-        return [process for process in self._processes if process.pid not in self.expected_ends]
 
     def end(self, process: Process, number: signal.Signals = signal.SIGTERM) -> int:
         """Ends one; its exit code."""
@@ -100,22 +199,33 @@ class Hosts:
 
     def close(self) -> None:
         for process in self._processes:
-            if process.poll() is None:
-                process.kill()
+            process.kill()
             process.wait()
-        if hasattr(self, "_cable"):
-            self._cable.close()
-        for name in self._made:  # its devices go with it
-            remove(name)
 
 
 @contextmanager
 def joined_by_tun(folder: Path, seed: int = 1) -> Iterator[tuple[Hosts, TunCable]]:
-    """Two hosts on a cable in software; nothing of them is left afterwards."""
-    hosts = Hosts(folder)
-    try:
-        yield hosts, hosts.join(seed)
-    finally:
-        hosts.close()
+    """Two hosts on a cable in software; nothing else leads out of either, and nothing of them is left
+    afterwards.
+
+    A second link, 10.78.0.1 and 10.78.0.2, is for a recorder of both: what is tried is not its way.
+    """
+    number = next(_NUMBERS)
+    names = [f"ff{os.getpid()}{end}{number}" for end in "ab"]
+    with ExitStack() as leave:
+        for name in names:
+            ip("netns", "add", name)
+            leave.callback(ip, "netns", "delete", name)  # its devices go with it
+            ip("-n", name, "link", "set", "lo", "up")
+        cable = TunCable(names, seed)
+        leave.callback(cable.close)
+        a, b = names
+        ip("link", "add", f"{a}m", "netns", a, "type", "veth", "peer", "name", f"{b}m", "netns", b)
+        for name, address in zip(names, MEASURING, strict=True):
+            ip("-n", name, "address", "add", f"{address}/24", "dev", f"{name}m")
+            ip("-n", name, "link", "set", f"{name}m", "up")
+        hosts = Hosts(folder, names)
+        leave.callback(hosts.close)
+        yield hosts, cable
     left = subprocess.run(["ip", "netns", "list"], capture_output=True, text=True, check=True).stdout
-    assert not [name for name in hosts.names if name in left]
+    assert not [name for name in names if name in left]

@@ -12,8 +12,8 @@ import signal
 import struct
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 
 from forefeel.__main__ import main as run_command_line
@@ -25,15 +25,30 @@ from forefeel.emulate import run
 
 ROW = struct.Struct("<qdd")
 OnMotion = Callable[[float, float, float, float], None]
+LIES = "slow", "reversed", "honest"
+_MOST_STEPS = 100
+"""10 mm/s of 0.1 um, in a ms."""
 
 
-@contextmanager
-def told(path: Path) -> Iterator[None]:
-    """The motion of the stage that is made meanwhile is added to the file at the end."""
-    original, rows = bench.moved, bytearray()
+def main() -> None:
+    faults = sys.argv.pop(1).split(",")
+    sys.argv.insert(1, "emulate")
+    waiting, lies, rows = list[str](), ["honest"], bytearray()
+    signal.signal(signal.SIGUSR1, lambda *_: waiting.append(faults.pop(0)))
+    step, measure = emulator.ZaberAxis.step, EmulatedSensor.measure
+    moved, obey = bench.moved, run.obey_stdin
 
-    def moved(around: Surroundings, sign: int, leave: ExitStack) -> OnMotion:
-        inner = original(around, sign, leave)
+    def slowed_step(axis: emulator.ZaberAxis) -> None:
+        before = axis.position
+        step(axis)
+        if lies[-1] == "slow":
+            axis.position = before + max(-_MOST_STEPS, min(_MOST_STEPS, axis.position - before))
+
+    def signed_measure(sensor: EmulatedSensor, t_s: float) -> float:
+        return measure(sensor, t_s) * (-1.0 if lies[-1] == "reversed" else 1.0)
+
+    def noted_motion(around: Surroundings, sign: int, leave: ExitStack) -> OnMotion:
+        inner = moved(around, sign, leave)
 
         def on_motion(t_s: float, x_m: float, v_m_s: float, a_m_s2: float) -> None:
             inner(t_s, x_m, v_m_s, a_m_s2)
@@ -41,60 +56,27 @@ def told(path: Path) -> Iterator[None]:
 
         return on_motion
 
-    setattr(emulator, "moved", moved)  # noqa: B010 - what `build` looks up
-    try:
-        yield
-    finally:
-        setattr(emulator, "moved", original)  # noqa: B010
-        if rows:
-            with path.open("ab") as file:
-                file.write(rows)
-
-
-LIES = "slow", "reversed", "honest"
-_MOST_STEPS = 100
-"""10 mm/s of 0.1 um, in a ms."""
-
-
-class Lying:
-    """Every emulated stage and load cell of this process, as the last lie has it."""
-
-    lie = "honest"
-
-    def __init__(self) -> None:
-        step, measure = emulator.ZaberAxis.step, EmulatedSensor.measure
-
-        def stepped(axis: emulator.ZaberAxis) -> None:
-            before = axis.position
-            step(axis)
-            if self.lie == "slow":
-                axis.position = before + max(-_MOST_STEPS, min(_MOST_STEPS, axis.position - before))
-
-        def measured(sensor: EmulatedSensor, t_s: float) -> float:
-            return measure(sensor, t_s) * (-1.0 if self.lie == "reversed" else 1.0)
-
-        setattr(emulator.ZaberAxis, "step", stepped)  # noqa: B010
-        setattr(EmulatedSensor, "measure", measured)  # noqa: B010
-
-
-def main() -> None:
-    lying = Lying()
-    faults = sys.argv.pop(1).split(",")
-    sys.argv.insert(1, "emulate")
-    waiting, original = list[str](), run.obey_stdin
-
-    def obey(living: run.Living, load: bench.Load | None) -> None:
+    def obey_signals_too(living: run.Living, load: bench.Load | None) -> None:
         while waiting:
             if (fault := waiting.pop(0)) in LIES:
-                lying.lie = fault
+                lies.append(fault)
             else:
                 living.provoke(fault)
-        original(living, load)
+        obey(living, load)
 
-    setattr(run, "obey_stdin", obey)  # noqa: B010 - what the emulator looks up
-    signal.signal(signal.SIGUSR1, lambda *_: waiting.append(faults.pop(0)))
-    with told(Path(os.environ["FOREFEEL_MOTION"])):
+    for place, name, replacement in (
+        (emulator.ZaberAxis, "step", slowed_step),
+        (EmulatedSensor, "measure", signed_measure),
+        (emulator, "moved", noted_motion),
+        (run, "obey_stdin", obey_signals_too),
+    ):
+        setattr(place, name, replacement)
+    try:
         run_command_line()
+    finally:
+        if rows:
+            with Path(os.environ["FOREFEEL_MOTION"]).open("ab") as file:
+                file.write(rows)
 
 
 if __name__ == "__main__":

@@ -8,15 +8,10 @@ import signal
 import sys
 import time
 from dataclasses import dataclass
-from typing import TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
 
 from forefeel.__main__ import main as run_command_line
 from forefeel.common.clock import MonotonicClock
-
-Stamps = TypeVar("Stamps", float, NDArray[np.float64])
+from forefeel.common.error_size import Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,22 +21,19 @@ class Steering:
     step_s: float = 0.0
     rate: float = 0.0
 
-    @property
-    def words(self) -> tuple[str, str]:
-        return str(self.step_s), str(self.rate)
-
-    def shown_ns(self, host_ns: int, from_ns: int) -> int:
-        """What the clock shows at a later instant than `from_ns`, when it began to depart."""
-        return host_ns + round(self.step_s * 1e9) + round((host_ns - from_ns) * self.rate)
-
-    def host_s(self, shown_s: Stamps, from_s: float) -> Stamps:
-        """When it showed that: the inverse, in s."""
-        return from_s + (shown_s - self.step_s - from_s) / (1.0 + self.rate)
-
     def begin(self) -> None:
-        """Every clock of this process departs from now on."""
-        from_ns = time.monotonic_ns()
-        MonotonicClock.read_ns = staticmethod(lambda: self.shown_ns(time.monotonic_ns(), from_ns))
+        """Lets every clock of this process depart from now on."""
+        from_ns, step_ns = time.monotonic_ns(), round(self.step_s * 1e9)
+
+        def shown_ns() -> int:
+            host_ns = time.monotonic_ns()
+            return host_ns + step_ns + round((host_ns - from_ns) * self.rate)
+
+        MonotonicClock.read_ns = staticmethod(shown_ns)
+
+    def host_s(self, shown_s: Floats, from_s: float) -> Floats:
+        """When a clock that began to depart at `from_s` showed that, in s."""
+        return from_s + (shown_s - self.step_s - from_s) / (1.0 + self.rate)
 
 
 def main() -> None:
