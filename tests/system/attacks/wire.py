@@ -192,17 +192,17 @@ PLAIN: dict[str, Callable[[Scene], Outcome]] = {
 }
 
 
-HEARING = frozenset({"viewer", "recorder"})
-CONNECTED = HEARING | {"another cell's master"}
-"""Of these the authority is the right one: access control is what keeps them out."""
-PAPERS: dict[str, PartyRole] = {
-    "no certificate": "master",
-    "a certificate of another authority": "master",
-    "an expired certificate": "master",
-    "another cell's master": "master",
-    "viewer": "viewer",
-    "recorder": "recorder",
+PAPERS: dict[str, tuple[PartyRole, bool, bool]] = {
+    "no certificate": ("master", False, False),
+    "a certificate of another authority": ("master", False, False),
+    "an expired certificate": ("master", False, False),
+    "another cell's master": ("master", True, False),
+    "viewer": ("viewer", True, True),
+    "recorder": ("recorder", True, True),
 }
+"""Role, whether it is connected, and whether it hears the slave's states. What is connected has a certificate
+of the right authority: access control is what keeps it out.
+"""
 
 
 def certificates_of(papers: str, pki: Path, folder: Path) -> Path:
@@ -220,7 +220,7 @@ def with_papers(scene: Scene) -> Outcome:
     """Commands numbered ahead, a session of his own, heartbeats, what the slave says: all that moves must
     reach nobody. Not even a counter of ours moves.
     """
-    papers, heard = scene.outcome.attack, list[bytes]()
+    (_, connects, hears), heard = PAPERS[scene.outcome.attack], list[bytes]()
     subscriber: Any = scene.attacker.declare_subscriber(
         SLAVE_STATE.key(CELL, AXIS),
         lambda sample: heard.append(sample.payload.to_bytes()),
@@ -236,9 +236,9 @@ def with_papers(scene: Scene) -> Outcome:
     outcome, link = scene.end(Expected(armed=_ARMED)), connected(scene.attacker)
     subscriber.undeclare()
     outcome.require(not any(outcome.counters.values()), "something reached the slave")
-    outcome.require(link == (papers in CONNECTED), f"link {link}")
-    outcome.require(bool(heard) == (papers in HEARING), f"it heard {len(heard)} states")
-    outcome.note += "; dropped by access control" if papers in CONNECTED else "; no link: TLS refuses it"
+    outcome.require(link == connects, f"link {link}")
+    outcome.require(bool(heard) == hears, f"it heard {len(heard)} states")
+    outcome.note += "; dropped by access control" if connects else "; no link: TLS refuses it"
     return outcome
 
 
@@ -247,7 +247,7 @@ def _attacked(name: str, attack: Callable[[Scene], Outcome], folder: Path) -> Re
         cell.pair()
         if cell.pki is not None:
             certificates = None if name == "no certificate" else certificates_of(name, cell.pki, folder)
-            attacker = network.attacker(cell.endpoint, certificates, PAPERS[name], cell.pki / AUTHORITY)
+            attacker = network.attacker(cell.endpoint, certificates, PAPERS[name][0], cell.pki / AUTHORITY)
         else:
             attacker = network.attacker(cell.endpoint)
             wait_until(lambda: connected(attacker), 5.0, "connected")
