@@ -63,12 +63,7 @@ CASES = (
     Case("master", "master --config HERE/master.yaml", (0, 1, 2), 4.0, (("master.yaml", MASTER),)),
     Case("router", "router --config HERE/router.yaml --insecure", SERVES, 2.0, (("router.yaml", ROUTER),)),
     Case("loopback", "loopback --duration 60 --out HERE/out", RESULTS, 8.0),
-    Case(
-        "loopback with devices",
-        "loopback --duration 60 --hardware emulated-serial --out HERE/out",
-        RESULTS,
-        10.0,
-    ),
+    Case("devices looped", "loopback --duration 60 --hardware emulated-serial --out HERE/out", RESULTS, 10.0),
     Case("loopback in virtual time", "loopback --virtual-time --duration 300 --out HERE/out", RESULTS, 6.0),
     Case("record", f"record {AT_SLAVE} --out HERE/run.mcap", (0, 1), 3.0),
     Case("metrics", f"metrics {AT_SLAVE} --port PORT", SERVES, 2.0),

@@ -107,10 +107,8 @@ def random_signals(folder: Path, count: int = 60) -> Result:
     long = next(case for case in CASES if case.name == "diagnose a folder")
     wanted = [*trials(count, 1), *(Trial(1000 + n, long, signal.SIGINT, True, 1.5 * n) for n in range(4))]
     with scene(ready) as port, ThreadPoolExecutor(_AT_ONCE - 1) as pool, ThreadPoolExecutor(1) as one_by_one:
-        ends = [
-            (one_by_one if trial.case.shares else pool).submit(run, trial, ready, port, folder)
-            for trial in wanted
-        ]
+        pools = [one_by_one if trial.case.shares else pool for trial in wanted]
+        ends = [it.submit(run, trial, ready, port, folder) for it, trial in zip(pools, wanted, strict=True)]
         try:
             results = [end.result() for end in ends]
         finally:  # whoever ends us waits for no command, neither for one to come nor for one that hangs
@@ -120,10 +118,9 @@ def random_signals(folder: Path, count: int = 60) -> Result:
                 _kill(f"{os.getpid()}.")
                 time.sleep(0.05)
     longest_s = max(seconds for seconds, _ in results)
+    failures = [f"{trial}: {it}" for trial, (_, wrong) in zip(wanted, results, strict=True) for it in wrong]
     figures = f"{len(results)} signals, the last ended after {longest_s:.2f} s (bound {BOUND_S:g} s)"
-    return Result(
-        figures, [f"{trial}: {it}" for trial, (_, wrong) in zip(wanted, results, strict=True) for it in wrong]
-    )
+    return Result(figures, failures)
 
 
 def run(trial: Trial, ready: Path, port: int, folder: Path) -> tuple[float, list[str]]:
@@ -144,32 +141,38 @@ def run(trial: Trial, ready: Path, port: int, folder: Path) -> tuple[float, list
             stdin=subprocess.DEVNULL, stdout=out, stderr=errors, process_group=0,
         )  # fmt: skip
         try:
-            _await_begin(process, trial.at_work)
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(trial.delay_s)
-            finished = process.poll() is not None
-            start_s = time.monotonic()
-            with suppress(ProcessLookupError):  # a service manager tells the process, a terminal its group
-                if trial.signal == signal.SIGTERM:
-                    process.send_signal(trial.signal)
-                elif not finished:
-                    os.killpg(process.pid, trial.signal)
-            try:
-                code = process.wait(_PATIENCE_S)
-            except subprocess.TimeoutExpired as error:
-                raise AssertionError(f"{trial}: runs on for {_PATIENCE_S:g} s") from error
-            seconds = 0.0 if finished else time.monotonic() - start_s
-            while (left := list(_marked(mark))) and time.monotonic() < start_s + BOUND_S + 1.0:
+            seconds = _struck(process, trial)
+            end_s = time.monotonic() + 1.0 + BOUND_S - seconds
+            while (left := list(_marked(mark))) and time.monotonic() < end_s:
                 time.sleep(0.05)
         finally:
             _kill(mark)
             process.wait()
-    wrong = [*_wrong_end(trial, code, (here / "stderr").read_text()), *_half_written(here)]
+    wrong = [*_wrong_end(trial, process.returncode, (here / "stderr").read_text()), *_half_written(here)]
     if left:
         wrong.append(f"left processes {left}")
     if seconds > BOUND_S:
         wrong.append(f"ended after {seconds:.2f} s")
     return seconds, wrong
+
+
+def _struck(process: "subprocess.Popen[bytes]", trial: Trial) -> float:
+    """Sends the signal when it is due, unless the command has finished by then; s from there to its end."""
+    _await_begin(process, trial.at_work)
+    with suppress(subprocess.TimeoutExpired):
+        process.wait(trial.delay_s)
+        return 0.0
+    start_s = time.monotonic()
+    with suppress(ProcessLookupError):  # a service manager tells the process, a terminal its group
+        if trial.signal == signal.SIGTERM:
+            process.send_signal(trial.signal)
+        else:
+            os.killpg(process.pid, trial.signal)
+    try:
+        process.wait(_PATIENCE_S)
+    except subprocess.TimeoutExpired as error:
+        raise AssertionError(f"{trial}: runs on for {_PATIENCE_S:g} s") from error
+    return time.monotonic() - start_s
 
 
 def _placed(text: str, places: dict[str, str]) -> str:

@@ -48,6 +48,11 @@ _BLOCK_S = 5.0
 _RAMP_NS = 150_000_000
 _STILL_M = 5e-6
 _UNHEARD = 100  # of the forces in a row: in so many the stage may have been engaged and stopped again
+MOST_GROWTH = 0.05
+_SEED = 1
+_LOST = 300
+_NUMBER = re.compile(rb'"sequence": ?(\d+)')
+_SLACK_NS = 500_000_000
 
 
 class Fault(NamedTuple):
@@ -77,13 +82,6 @@ def schedule(seed: int, duration_s: float) -> list[Fault]:
             at_s = (span + random.uniform(*_KILLS_BETWEEN)) * duration_s / spans
             faults.append(Fault(at_s, kind, 0.0))
     return sorted((f for f in faults if f.at_s < duration_s - 10.0), key=lambda fault: fault.at_s)
-
-
-MOST_GROWTH = 0.05
-_SEED = 1
-_LOST = 300
-_NUMBER = re.compile(rb'"sequence": ?(\d+)')
-_SLACK_NS = 500_000_000
 
 
 @dataclass(slots=True)
@@ -306,7 +304,7 @@ def soak(minutes: float, folder: Path) -> Result:
     with LiveCell(folder) as cell:
         run = Soak(cell, _SEED)
         run.run(schedule(_SEED, 60.0 * minutes), 60.0 * minutes)
-    wrong = [*run.problems, *map(str, cell.faults)]
+        wrong = [*run.problems, *map(str, cell.faults)]
     figures = [f"{len(run.done)} faults, armed again after {max(done.back_s for done in run.done):.1f} s"]
     for life in run.lives:
         if (growth := life.growth()) is not None:
