@@ -13,7 +13,7 @@ import yaml
 
 from forefeel.common.clock import now_utc
 from tests.system.faults import required as r
-from tests.system.faults.logged import Expected, heard, says, stopped
+from tests.system.faults.logged import Expected, heard, stopped
 from tests.system.faults.required import Route
 from tests.system.faults.scene import SECOND, Fault, Incident, Scene
 from tests.system.net.evidence import Evidence
@@ -34,15 +34,18 @@ def _killed(role: str, scene: Scene) -> Incident:
     """SIGKILL; started again after 2 s."""
     at_s = scene.strike(role, signal.SIGKILL)
     time.sleep(_FAULT_S)
-    over_s = time.monotonic()
-    scene.service.start_daemon(role)
-    return Incident(at_s, over_s)
+    return _started(role, at_s, scene)
 
 
 def _restarted(role: str, scene: Scene, number: signal.Signals = signal.SIGTERM) -> Incident:
     """SIGTERM, as a service manager does, or SIGHUP, as a terminal that goes; a new process and session."""
     at_s = time.monotonic()
     scene.end(role, number)
+    return _started(role, at_s, scene)
+
+
+def _started(role: str, at_s: float, scene: Scene) -> Incident:
+    """Starts what has ended since `at_s`."""
     over_s = time.monotonic()
     scene.service.start_daemon(role)
     return Incident(at_s, over_s)
@@ -54,7 +57,7 @@ def _frozen(role: str, frozen_s: float, scene: Scene) -> Incident:
     time.sleep(frozen_s)
     over_s = scene.strike(role, signal.SIGCONT)
     time.sleep(0.5)
-    return Incident(at_s, over_s, frozen=role == "master", stood=role == "slave")
+    return Incident(at_s, over_s, stood=role)
 
 
 def _cut(cut_s: float, times: int, scene: Scene) -> Incident:
@@ -114,9 +117,8 @@ def _half_open(scene: Scene) -> Incident:
     scene.strike("master", signal.SIGKILL)
     scene.cable.forget()
     time.sleep(0.5)
-    over_s = scene.cable.mend() * _NS
-    scene.service.start_daemon("master")
-    return Incident(at_s, over_s)
+    scene.cable.mend()
+    return _started("master", at_s, scene)
 
 
 def _second_master(scene: Scene) -> Incident:
@@ -145,9 +147,8 @@ def _clock_set(role: str, scene: Scene) -> Incident:
         over_s, recovery = time.monotonic(), "ended by the fault; started again"
         if role == "slave":
             latched = _found_latched(scene, at_s)
-            return replace(latched, over_s=over_s, stood=True, recovery=f"{recovery}, forefeel clear")
-        scene.service.start_daemon(role)
-        return Incident(at_s, over_s, recovery=recovery)
+            return replace(latched, over_s=over_s, stood=role, recovery=f"{recovery}, forefeel clear")
+        return replace(_started(role, at_s, scene), recovery=recovery)
     if scene.service.state() == "fault":
         return Incident(at_s, scene.cleared(), recovery="forefeel clear")
     again = "a new session" if role == "slave" else "clocks compared anew"
@@ -241,9 +242,7 @@ def _restarted_refused(
     with mistake(scene):
         assert scene.service.command("slave", timeout_s=60.0) == 2, scene.hosts.last_words()
     assert (scene.hosts.folder / "slave.log").read_text().count(reason) == 1, scene.hosts.last_words()
-    over_s = time.monotonic()
-    scene.service.start_daemon("slave")
-    return Incident(at_s, over_s)
+    return _started("slave", at_s, scene)
 
 
 @contextmanager
@@ -315,12 +314,12 @@ def _clock_bound(found: Evidence, incident: Incident) -> tuple[str, list[str]]:
 
 
 _BOTH = "slave", "master"
-_SESSION_LOST = says("slave", "session_lost"), says("master", "session_lost")
-_LATE, _FUTURE = (says("slave", "refused", name=name) for name in ("late", "future"))
-_CLEARED = stopped("clear", "cleared at the slave"), says("slave", "clear", cleared="True")
+_SESSION_LOST = Expected("slave", "session_lost"), Expected("master", "session_lost")
+_LATE, _FUTURE = (Expected("slave", "refused", name=name) for name in ("late", "future"))
+_CLEARED = stopped("clear", "cleared at the slave"), Expected("slave", "clear", cleared="True")
 _WATCHDOG = stopped("watchdog", "no valid command .*")
 _STOOD_STILL = stopped("watchdog", "the control loop stood still .*")
-_ENDED = stopped("shutdown"), says("slave", "stop")
+_ENDED = stopped("shutdown"), Expected("slave", "stop")
 
 _NO_FORCE: dict[str, Any] = {"rest_s": r.BY_SILENCE_S, "faded_s": r.FADED_S}
 _NO_DRIVE: dict[str, Any] = {"rest_s": r.BY_DRIVE_S, "faded_s": r.NEAR.faded_s, "service": EMULATED}
@@ -341,7 +340,7 @@ def faults() -> Iterable[Fault]:
     yield Fault(
         "master restarted", partial(_restarted, "master"), "new session",
         rest_s=r.NEAR.by_watchdog_s, faded_s=r.FADED_S,
-        events=(stopped("release"), says("master", "stop"), says("master", "start")),
+        events=(stopped("release"), Expected("master", "stop"), Expected("master", "start")),
     )  # fmt: skip
     yield from _of_slave()
     yield from _of_recorder_and_disk()
@@ -369,7 +368,7 @@ def _of_master(route: Route) -> Iterable[Fault]:
     )  # fmt: skip
     yield Fault(
         "two masters at once", _second_master, f"the second one is told: {_HELD}", route,
-        events=(says("slave", "session_refused", name="handshake", reason=_HELD),), finding=_one_writer,
+        events=(Expected("slave", "session_refused", name="handshake", reason=_HELD),), finding=_one_writer,
     )  # fmt: skip
 
 
@@ -446,7 +445,7 @@ def _of_connections(route: Route) -> Iterable[Fault]:
     yield Fault(
         f"packets over {_SMALL_BYTES} bytes dropped, master restarted", _small_packets_at_start,
         f"an MTU of {_SMALL_BYTES} on its host", route, rest_s=route.by_watchdog_s, faded_s=r.FADED_S,
-        events=(stopped("release"), says("master", "start")),
+        events=(stopped("release"), Expected("master", "start")),
     )  # fmt: skip
     yield Fault(
         "half-open TCP", _half_open, "a new master is started", route, rest_s=r.BY_SILENCE_S,
@@ -470,9 +469,9 @@ def _of_clocks(route: Route) -> Iterable[Fault]:
     let_go = stopped("(watchdog|release)", "(no valid command|deadman released).*")
     steps: tuple[tuple[str, float, tuple[Expected, ...]], ...] = (
         ("master", 1.0, (_WATCHDOG, _FUTURE)),
-        ("master", -1.0, (let_go, _SESSION_LOST[0], says("master", "thread_fault", reason=".*"))),
+        ("master", -1.0, (let_go, _SESSION_LOST[0], Expected("master", "thread_fault", reason=".*"))),
         ("slave", 1.0, (stopped("watchdog"),)),
-        ("slave", -1.0, (stopped("fault"), says("slave", "thread_fault", reason=".*"))),
+        ("slave", -1.0, (stopped("fault"), Expected("slave", "thread_fault", reason=".*"))),
     )
     for role, step_s, events in steps:
         yield Fault(
@@ -484,10 +483,11 @@ def _of_clocks(route: Route) -> Iterable[Fault]:
         "clock rate +500 ppm, master, 20 s", partial(_clock_slewed, 20.0), "nothing to recover", route,
         steered=("master", Steering(rate=500e-6)),
     )  # fmt: skip
+    named_s = r.RATE_NAMED_S + route.there_s + route.jitter_s + r.BY_FAULT_S
     yield Fault(
         "clock rate +8 %, master", _clock_refused,
         "master started again with a right clock; forefeel clear", route,
-        rest_s=route.by_rate_s, faded_s=route.by_rate_s + route.told_s, noticed="fault",
+        rest_s=named_s, faded_s=named_s + route.told_s, noticed="fault",
         steered=("master", Steering(rate=0.08)),
         events=(stopped("fault", "the master's clock runs .* ppm fast .*"), heard("fault"), *_CLEARED),
         flights=_BOTH,
@@ -510,7 +510,7 @@ def _of_devices() -> Iterable[Fault]:
     ):
         unplugged = happens == "unplug,plug"
         device = "load_cell" if process == "cell" else "stage"
-        told = (says("slave", "device_fault", name=device, reason=reason),) if unplugged else ()
+        told = (Expected("slave", "device_fault", name=device, reason=reason),) if unplugged else ()
         yield Fault(
             name, partial(_device, process, wait_s, unplugged), "repaired; forefeel clear",
             rest_s=rest_s, faded_s=rest_s + r.NEAR.faded_s, service={"emulated": {process: happens}},

@@ -2,8 +2,7 @@
 
 import re
 import time
-from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -18,47 +17,36 @@ ROLES = ("slave", "master")
 _HELD = frozenset({SafetyState.IDLE, SafetyState.READY})
 
 
-@dataclass(frozen=True, slots=True)
 class Expected:
     """An event that has to be there: `details` match in full, each a regular expression."""
 
-    role: str
-    event: str
-    details: Mapping[str, str]
+    def __init__(self, role: str, event: str, /, **details: str) -> None:
+        self.role, self.event, self.details = role, event, details
 
-    def matches(self, found: Event) -> bool:
-        return found.event == self.event and all(
-            re.fullmatch(pattern, str(found.details.get(name))) for name, pattern in self.details.items()
+    def matches(self, entry: Event) -> bool:
+        return entry.event == self.event and all(
+            re.fullmatch(pattern, str(entry.details.get(name))) for name, pattern in self.details.items()
         )
-
-    def __str__(self) -> str:
-        words = [self.details.get("event", self.event), *(v for k, v in self.details.items() if k != "event")]
-        return f"{self.role}: {' '.join(words)}"
-
-
-def says(role: str, event: str, /, **details: str) -> Expected:
-    """See `Expected`."""
-    return Expected(role, event, details)
 
 
 def stopped(event: str, reason: str = ".*") -> Expected:
     """The slave's own transition out of motion."""
-    return says("slave", "safety", event=event, reason=reason)
+    return Expected("slave", "safety", event=event, reason=reason)
 
 
 def heard(event: str) -> Expected:
     """The same as the master heard it."""
-    return says("master", "slave_safety", event=event)
+    return Expected("master", "slave_safety", event=event)
 
 
 def judge_logs(
-    folder: Path, expected: Sequence[Expected], flights: Sequence[str], since_s: float, stood: Set[str]
+    folder: Path, expected: Sequence[Expected], flights: Sequence[str], since_s: float, stood: str
 ) -> tuple[str, list[str]]:
     """What both logs hold, and what of it is not as required since then.
 
     Args:
         flights: the roles of whom a record is due.
-        stood: those of them that stood still, whose record may be short.
+        stood: the role that stood still, whose record may be short.
     """
     failures, entries = list[str](), dict[str, list[Event]]()
     for role in ROLES:
@@ -70,14 +58,14 @@ def judge_logs(
         hits = [entry for entry in entries[event.role] if event.matches(entry)]
         if not any(_written_s(entry) >= since_s for entry in hits):
             last = [f"{entry.event} {dict(entry.details)}"[:120] for entry in entries[event.role][-8:]]
-            failures.append(f"no event {event}; {'; '.join(last)}")
+            failures.append(f"no event {event.role} {event.event} {event.details}; {'; '.join(last)}")
     records = 0
     for role in ROLES:
         files = flight_files(folder, role)
         records += len(files)
         if role in flights and not files:
             failures.append(f"no flight record of the {role}")
-        least = 1 if role in stood else required.FLOWN
+        least = 1 if role == stood else required.FLOWN
         failures += [f"{path.name} of the {role}: {it}" for path in files for it in _wrong(path, role, least)]
     names = dict.fromkeys(event.details.get("event", event.event).replace("_", " ") for event in expected)
     counts = f"{sum(map(len, entries.values()))} events, {records} flight records"

@@ -110,11 +110,6 @@ class Route:
         there_and_back_s = self.there_s + self.back_s + 2.0 * self.jitter_s
         return there_and_back_s + WATCHDOG_S + _TOLD_S + FADE_S + MARGIN_S
 
-    @property
-    def by_rate_s(self) -> float:
-        """The master's clock runs fast or slow from one instant on: the slave names it, and comes to rest."""
-        return RATE_NAMED_S + self.there_s + self.jitter_s + BY_FAULT_S
-
 
 NEAR = Route()
 FAR = Route(0.150, 0.150)

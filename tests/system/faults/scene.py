@@ -3,8 +3,7 @@
 import shutil
 import signal
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,9 +12,8 @@ from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import FORCE
 from tests.system.faults import required
 from tests.system.faults.logged import Expected, judge_logs
-from tests.system.net.disk import SmallDisk
 from tests.system.net.evidence import Evidence
-from tests.system.net.hosts import Hosts, TunCable, joined_by_tun
+from tests.system.net.hosts import Hosts, SmallDisk, TunCable, joined_by_tun
 from tests.system.net.service import AXIS, Service
 from tests.system.net.steered import Steering
 from tests.system.rows import Result
@@ -31,16 +29,15 @@ _GRACE_S = required.RAMP_S + required.SERVO_S + required.MARGIN_S
 class Incident:
     """What was done to the service, in s of CLOCK_MONOTONIC.
 
-    `over_s`: when the fault was over, or what had failed was started again. `frozen`: until then the master
-    could show nothing, so its force fades from there. `stood`: until then the slave could execute nothing;
-    what its cell measured meanwhile is told with the command before. `recovery`: how it recovered, where that
-    is not always the same. `again_s`: the same happened then, too.
+    `over_s`: when the fault was over, or what had failed was started again. `stood`: the daemon that could do
+    nothing until then. A master's force fades from there; of a slave, what its cell measured meanwhile is
+    told with the command before. `recovery`: how it recovered, where that is not always the same. `again_s`:
+    the same happened then, too.
     """
 
     injected_s: float
     over_s: float
-    frozen: bool = False
-    stood: bool = False
+    stood: str = ""
     recovery: str = ""
     again_s: tuple[float, ...] = ()
 
@@ -141,35 +138,27 @@ class Scene:
         return begun_s[-1]
 
 
-@contextmanager
-def staged(folder: Path, fault: Fault) -> Iterator[Scene]:
-    """The service, armed for a second on its usual cable."""
-    with joined_by_tun(folder) as (hosts, cable), SmallDisk(folder / "disk", DISK_BYTES) as disk:
-        steered = {} if fault.steered is None else dict([fault.steered])
-        service = Service(hosts, steered=steered, **fault.service)
-        scene = Scene(hosts, cable, service, disk, fault.route)
-        scene.shape()
-        if fault.on_disk:
-            service.within["slave"] = disk.within
-        service.start()
-        service.wait_armed(30.0)
-        time.sleep(1.5)
-        yield scene
-
-
 def tried(fault: Fault, folder: Path) -> Result:
-    """Does it while the stage moves in contact, and judges what became of it."""
+    """Does it while the stage moves in contact on its usual cable, and judges what became of it."""
     judgement = Judgement(fault)
     try:
-        with staged(folder, fault) as scene:
-            speed_m_s = scene.service.wait_moving()
+        with joined_by_tun(folder) as (hosts, cable), SmallDisk(folder / "disk", DISK_BYTES) as disk:
+            steered = {} if fault.steered is None else dict([fault.steered])
+            service = Service(hosts, steered=steered, **fault.service)
+            scene = Scene(hosts, cable, service, disk, fault.route)
+            scene.shape()
+            if fault.on_disk:
+                service.within["slave"] = disk.within
+            service.start()
+            service.wait_armed(30.0)
+            time.sleep(1.5)
+            judgement.figures.append(f"{service.wait_moving() * 1e3:.3g} mm/s before")
             incident = fault.act(scene)
             scene.rearmed()
-            scene.service.close()
+            service.close()
             if fault.on_disk:
                 ignore = shutil.ignore_patterns("*.sock")
-                shutil.copytree(scene.disk.seen / "state", folder / "state" / "slave", ignore=ignore)
-        judgement.figures.append(f"{speed_m_s * 1e3:.3g} mm/s before")
+                shutil.copytree(disk.seen / "state", folder / "state" / "slave", ignore=ignore)
         judgement.judge(incident, folder)
     except AssertionError as error:
         judgement.failures.append(str(error)[:2000])
@@ -203,7 +192,7 @@ class Judgement:
         fault, at_s = self.fault, incident.injected_s
         found = Evidence(folder, None if fault.steered is None else (*fault.steered, at_s))
         self._judge_motion(incident, found)
-        stood = (at_s, incident.over_s) if incident.stood else None
+        stood = (at_s, incident.over_s) if incident.stood == "slave" else None
         stale, excess_s = found.stale_commands(required.STALE_S, None if fault.changing else at_s, stood)
         self.figures.append(f"{stale} stale commands executed, the oldest {excess_s * 1e3:.3g} ms too old")
         if stale:
@@ -216,8 +205,7 @@ class Judgement:
             self.failures += failures
         self.figures.append(self._recovery)
         self._judge_recordings(at_s, found, folder)
-        stood_still = {role for role, it in (("master", incident.frozen), ("slave", incident.stood)) if it}
-        logged, failures = judge_logs(folder, fault.events, fault.flights, at_s, stood_still)
+        logged, failures = judge_logs(folder, fault.events, fault.flights, at_s, incident.stood)
         self.figures.append(logged)
         self.failures += failures
 
@@ -249,9 +237,9 @@ class Judgement:
         moved_again_m, rests_s = 0.0, list[float]()
         for at_s in (incident.injected_s, *filter(found.following, incident.again_s)):
             start_s = self._noticed_s(at_s, found)
-            rest = found.rest(start_s)
-            rests_s.append(rest.after_s + start_s - at_s)
-            moved_again_m = max(moved_again_m, rest.moved_again_m)
+            after_s, moved_m = found.rest(start_s)
+            rests_s.append(after_s + start_s - at_s)
+            moved_again_m = max(moved_again_m, moved_m)
             if rests_s[-1] > required_s:
                 self.failures.append(f"at rest after {rests_s[-1]:.3f} s, required {required_s:.3f} s")
         self._rest_s = max(rests_s)
@@ -260,14 +248,15 @@ class Judgement:
 
     def _judge_force(self, incident: Incident, found: Evidence) -> None:
         fault, at_s = self.fault, incident.injected_s
-        frozen = (at_s, incident.over_s) if incident.frozen else None
-        stale_s = 0.0 if found.steered else found.felt_stale_s(required.FORCE_AGE_S, frozen)
+        frozen = incident.stood == "master"
+        stood = (at_s, incident.over_s) if frozen else None
+        stale_s = 0.0 if found.steered else found.felt_stale_s(required.FORCE_AGE_S, stood)
         if stale_s > required.STALE_FELT_S:
             self.failures.append(f"the hand felt a force for {stale_s:.3f} s after the last fresh one")
         if fault.faded_s is None:
             return
-        start_s = incident.over_s if incident.frozen else self._noticed_s(at_s, found)
-        faded_s = found.faded_after_s(start_s) + (0.0 if incident.frozen else start_s - at_s)
+        start_s = incident.over_s if frozen else self._noticed_s(at_s, found)
+        faded_s = found.faded_after_s(start_s) + (0.0 if frozen else start_s - at_s)
         self.figures.append(f"{found.rendered_n(at_s):.3g} N faded after {faded_s:.3f} s")
         if faded_s > fault.faded_s:
             self.failures.append(f"{self.figures[-1]}, required {fault.faded_s:.2f} s")

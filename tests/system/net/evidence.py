@@ -30,15 +30,6 @@ _FIRST_S = 1.0
 Floats = NDArray[np.float64]
 
 
-class Rest(NamedTuple):
-    """When the stage had come to rest after an instant, infinite if it never did; and by how much it moved on
-    from there without an engagement.
-    """
-
-    after_s: float
-    moved_again_m: float
-
-
 class Felt(NamedTuple):
     """Haptic ticks in their order: the force on the hand, how old the master says the newest force of the
     slave is (NaN where it does not know), its session.
@@ -68,24 +59,18 @@ class Evidence:
     """
 
     def __init__(self, folder: Path, steered: tuple[str, Steering, float] | None = None) -> None:
-        self._steered = steered
+        self.steered = steered
         self.slave, self.master = Run(folder / "slave.mcap"), Run(folder / "master.mcap")
         self._time_s, self._position_m = self._motion(motion_file(folder))
         self._haptics = self._felt([self.master, *map(Run, flight_files(folder, "master"))])
-        own = steered is not None and steered[0] == "slave"
-        self.events = self._recorded_events() if own else self._logged_events(event_file(folder, "slave"))
-
-    def _recorded_events(self) -> list[tuple[float, Event]]:
-        told = self.slave.messages(AXIS, SAFETY_EVENT) if self.slave.axes else []
-        events = [Event(one.event, one.before.value, one.after.value, one.reason) for one in told]
-        return list(zip(self._times(self.slave, SAFETY_EVENT).tolist(), events, strict=True))
-
-    def _logged_events(self, path: Path) -> list[tuple[float, Event]]:
-        return [
-            (entry.monotonic_ns * S, Event(*(str(entry.details[name]) for name in Event._fields)))
-            for entry in read_events(path)
-            if entry.event == SAFETY
-        ]
+        if steered is not None and steered[0] == "slave":
+            recorded = self.slave.messages(AXIS, SAFETY_EVENT) if self.slave.axes else []
+            events = [Event(it.event, it.before.value, it.after.value, it.reason) for it in recorded]
+            self.events = list(zip(self._times(self.slave, SAFETY_EVENT).tolist(), events, strict=True))
+        else:
+            entries = [entry for entry in read_events(event_file(folder, "slave")) if entry.event == SAFETY]
+            events = [Event(*(str(it.details[name]) for name in Event._fields)) for it in entries]
+            self.events = list(zip([it.monotonic_ns * S for it in entries], events, strict=True))
 
     def _felt(self, runs: Sequence[Run]) -> Felt:
         """All haptic ticks that any of them has."""
@@ -97,17 +82,13 @@ class Evidence:
         force_n, age_s, session = (column[first] for column in columns)
         return Felt(time_s[first], np.abs(force_n), age_s.astype(np.float64), session.astype(np.int64))
 
-    @property
-    def steered(self) -> bool:
-        return self._steered is not None
-
     def _times(self, run: Run, topic: Topic) -> Floats:  # type: ignore[type-arg]
         if AXIS not in run.axes:
             return np.empty(0)
         time_s = np.asarray(run.column(AXIS, topic, "stamp_ns"), dtype=np.float64) * S
-        if self._steered is None or self._steered[0] != topic.publisher or not len(time_s):
+        if self.steered is None or self.steered[0] != topic.publisher or not len(time_s):
             return time_s
-        _, steering, at_s = self._steered
+        _, steering, at_s = self.steered
         arrived_s: Floats = np.asarray(run.log_ns(AXIS, topic) * S, dtype=np.float64)
         return set_right(time_s, run.column(AXIS, topic, "sequence"), arrived_s, steering, at_s)
 
@@ -123,17 +104,17 @@ class Evidence:
 
     def next_event_s(self, name: str, after_s: float) -> float | None:
         """When the slave's safety machine next reported that event; `name`: a regular expression."""
-        return next(
-            (time_s for time_s, event in self.events if re.fullmatch(name, event.event) and time_s > after_s),
-            None,
-        )
+        later = (event for event in self.events if event[0] > after_s)
+        return next((time_s for time_s, event in later if re.fullmatch(name, event.event)), None)
 
     def following(self, at_s: float) -> bool:
         before = [event for time_s, event in self.events if time_s < at_s]
         return bool(before) and before[-1].after in FOLLOWING
 
-    def rest(self, after_s: float) -> Rest:
-        """Judges the first stop after that instant, up to the next engagement."""
+    def rest(self, after_s: float) -> tuple[float, float]:
+        """(how long after that instant the stage came to rest, infinite if it never did; by how many m it
+        moved on from there). Up to the next engagement.
+        """
         until_s = self.next_event_s("engage", after_s) or np.inf
         span = (self._time_s >= after_s) & (self._time_s < until_s)
         time_s, position_m = self._time_s[span], self._position_m[span]
@@ -142,8 +123,8 @@ class Evidence:
             moved = np.flatnonzero(off_m > STILL_M)
             end = start + int(moved[0]) if len(moved) else len(time_s) - 1
             if time_s[end] - time_s[start] > STILL_FOR_S:
-                return Rest(float(time_s[start] - after_s), float(off_m.max()))
-        return Rest(np.inf, 0.0)
+                return float(time_s[start] - after_s), float(off_m.max())
+        return np.inf, 0.0
 
     def moved_while_stopped_m(self, grace_s: float) -> float:
         """The most that the stage moved between any stop, `grace_s` later, and the next engagement."""
@@ -199,7 +180,7 @@ class Evidence:
 
     def _sent_s(self, keys: NDArray[np.int64], answered: NDArray[np.bool_]) -> Floats:
         """When each command was sent: its stamp, or where a clock was wrong, that of the recorded command."""
-        if self._steered is None:
+        if self.steered is None:
             stamps = self.slave.column(AXIS, FORCE, "answers_stamp_ns")[answered]
             return np.asarray(stamps, dtype=np.float64) * S
         names = ("session_id", "sequence")

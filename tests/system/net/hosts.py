@@ -1,4 +1,4 @@
-"""Two hosts, the cable between them and the processes on them: network namespaces of one machine.
+"""Two hosts, the cable between them, the processes on them, a disk: namespaces of one machine.
 
 Stamps are CLOCK_MONOTONIC in ns.
 """
@@ -7,6 +7,7 @@ import ctypes
 import fcntl
 import json
 import os
+import shutil
 import signal
 import struct
 import subprocess
@@ -16,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import count
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from tests.live_cell import IMPORTS, ROOT
 from tests.waiting import PATIENCE_S
@@ -64,10 +65,7 @@ def open_tun(namespace: str) -> int:
 
 
 class TunCable:
-    """The forwarder, a process: see `tests.system.net.forwarder`. A cut is silent for both ends.
-
-    Each order returns when it took effect.
-    """
+    """The forwarder, a process: see `tests.system.net.forwarder`. Each order returns when it took effect."""
 
     def __init__(self, names: Sequence[str], seed: int = 1) -> None:
         tuns = [open_tun(name) for name in names]
@@ -78,14 +76,7 @@ class TunCable:
         )  # fmt: skip
         for tun in tuns:
             os.close(tun)
-        try:
-            self._answer()
-            for name, address in zip(names, ADDRESSES, strict=True):
-                ip("-n", name, "address", "add", f"{address}/24", "dev", name)
-                ip("-n", name, "link", "set", name, "up")
-        except BaseException:
-            self.close()
-            raise
+        self._answer()
 
     def shape(self, way: str = "both", largest_bytes: int | None = None, **settings: Any) -> int:  # noqa: ANN401
         """Shapes it from now on: the fields of `ImpairmentSettings`, or `preset`; without any it is
@@ -100,7 +91,7 @@ class TunCable:
         return self._order(do="stall", stall_s=stall_s)
 
     def cut(self) -> int:
-        """Pulls the cable, which neither end notices."""
+        """Pulls the cable, silently for both ends."""
         return self._order(do="cut")
 
     def mend(self) -> int:
@@ -203,6 +194,57 @@ class Hosts:
             process.wait()
 
 
+class SmallDisk:
+    """A tmpfs on `folder` for those who are started `within`, which this machine does not see.
+
+    Network namespaces that were made before are known there, later ones are not.
+    """
+
+    def __init__(self, folder: Path, size_bytes: int) -> None:
+        folder.mkdir()
+        self.folder = folder
+        mount = f"mount -t tmpfs -o size={size_bytes} tmpfs '{folder}' && echo mounted && exec sleep infinity"
+        command = ["unshare", "--mount", "--propagation", "private", "sh", "-c", mount]
+        self._holder = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True)
+        assert self._holder.stdout is not None
+        if self._holder.stdout.readline() != "mounted\n":
+            self.__exit__()
+            raise AssertionError(f"{folder}: no tmpfs could be mounted in a mount namespace")
+
+    @property
+    def within(self) -> tuple[str, ...]:
+        """What to start a process with that is to see it; it runs in the folder that holds it."""
+        where = f"--chdir={self.folder.parent}"  # entering a mount namespace leaves the working directory
+        return "nsenter", "--target", str(self._holder.pid), "--mount", "env", where
+
+    @property
+    def seen(self) -> Path:
+        return Path(f"/proc/{self._holder.pid}/root{self.folder}")
+
+    def fill(self) -> None:
+        with (self.seen / "ballast").open("wb", buffering=0) as file, suppress(OSError):
+            while True:
+                file.write(bytes(4096))
+
+    def free(self) -> None:
+        (self.seen / "ballast").unlink()
+
+    def allow_writing(self, allowed: bool) -> None:
+        """It can not be forbidden while a file is open for it."""
+        how = "rw" if allowed else "ro"
+        subprocess.run([*self.within, "mount", "-o", f"remount,{how}", str(self.folder)], check=True)
+
+    def free_bytes(self) -> int:
+        return shutil.disk_usage(self.seen).free
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._holder.kill()
+        self._holder.communicate()
+
+
 @contextmanager
 def joined_by_tun(folder: Path, seed: int = 1) -> Iterator[tuple[Hosts, TunCable]]:
     """Two hosts on a cable in software; nothing else leads out of either, and nothing of them is left
@@ -221,9 +263,10 @@ def joined_by_tun(folder: Path, seed: int = 1) -> Iterator[tuple[Hosts, TunCable
         leave.callback(cable.close)
         a, b = names
         ip("link", "add", f"{a}m", "netns", a, "type", "veth", "peer", "name", f"{b}m", "netns", b)
-        for name, address in zip(names, MEASURING, strict=True):
-            ip("-n", name, "address", "add", f"{address}/24", "dev", f"{name}m")
-            ip("-n", name, "link", "set", f"{name}m", "up")
+        for name, *addresses in zip(names, ADDRESSES, MEASURING, strict=True):
+            for device, address in zip((name, f"{name}m"), addresses, strict=True):
+                ip("-n", name, "address", "add", f"{address}/24", "dev", device)
+                ip("-n", name, "link", "set", device, "up")
         hosts = Hosts(folder, names)
         leave.callback(hosts.close)
         yield hosts, cable

@@ -25,7 +25,6 @@ from forefeel.emulate import run
 
 ROW = struct.Struct("<qdd")
 OnMotion = Callable[[float, float, float, float], None]
-LIES = "slow", "reversed", "honest"
 _MOST_STEPS = 100
 """10 mm/s of 0.1 um, in a ms."""
 
@@ -58,7 +57,7 @@ def main() -> None:
 
     def obey_signals_too(living: run.Living, load: bench.Load | None) -> None:
         while waiting:
-            if (fault := waiting.pop(0)) in LIES:
+            if (fault := waiting.pop(0)) in ("slow", "reversed", "honest"):
                 lies.append(fault)
             else:
                 living.provoke(fault)

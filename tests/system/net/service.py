@@ -91,17 +91,14 @@ class Service:
             settings = yaml.safe_load((ROOT / "deploy" / "config" / f"{role}.yaml").read_text())
             more = dict(extra.get(role, {}))
             settings["axes"][0] |= changes[role] | more.pop("axis", {})
-            settings |= {
-                "transport": transport | {"pki": PKI},
-                "state": {"directory": f"state/{role}"},
-            } | more
-            self._write(role, settings)
+            settings["transport"] = transport | {"pki": PKI}
+            settings["state"] = {"directory": f"state/{role}"}
+            self._write(role, settings | more)
         self._write("router", {"cells": [CELL], "transport": {"listen": [ROUTER_AT], "pki": PKI}})
         here, local = [ADDRESSES[0]], ["127.0.0.1"]
         there = [ADDRESSES[1], MEASURING[1], *local]
-        make_pki(
-            self.folder / PKI, [CELL], {"slave": here, "router": here, "master": there, "recorder": local}
-        )
+        names = {"slave": here, "router": here, "master": there, "recorder": local}
+        make_pki(self.folder / PKI, [CELL], names)
 
     def _write(self, name: str, settings: dict[str, Any]) -> None:
         (self.folder / f"{name}.yaml").write_text(yaml.safe_dump(settings))
@@ -111,18 +108,17 @@ class Service:
     def start(self) -> None:
         """Starts everything, and waits until the session is open."""
         os.environ["FOREFEEL_MOTION"] = str(motion_file(self.folder))
+        recorders = {"slave": ("listen", RECORDER_AT), "master": ("connect", RECORDER_AT)}
         if self._through_router:
             self.start_daemon("router")
+            recorders = {"slave": ("client", ROUTER_AT)}
         for name, device in DEVICES.items() if self._emulated is not None else ():
             faults = (self._emulated or {}).get(name, "unplug,plug")
             words = ("--config", str(self.folder / "slave.yaml"), "--feel", str(self.folder / "feel"))
             self._run(name, 0, "tests.system.net.provoked", faults, device, *words, ready="baud")
-        recorder, written = "tests.system.net.recorder", "recording"
-        way = ("client", ROUTER_AT) if self._through_router else ("listen", RECORDER_AT)
-        self._run("slave-record", 0, recorder, "slave.mcap", CELL, *way, PKI, ready=written)
-        if not self._through_router:
-            way = ("connect", RECORDER_AT)
-            self._run("master-record", 1, recorder, "master.mcap", CELL, *way, PKI, ready=written)
+        for host, (role, way) in enumerate(recorders.items()):
+            line = ("tests.system.net.recorder", f"{role}.mcap", CELL, *way, PKI)
+            self._run(f"{role}-record", host, *line, ready="recording")
         self.start_daemon("slave")
         self.start_daemon("master")
         self.hosts.wait_until(lambda: self.hosts.says("master.log", "session open"), 60, "a session")
@@ -132,15 +128,11 @@ class Service:
         by itself.
         """
         (self.folder / f"{role}.log").unlink(missing_ok=True)
-        steering = self._steered.get(role)
-        entry = (
-            ("forefeel",)
-            if steering is None
-            else ("tests.system.net.steered", f"{steering.step_s}", f"{steering.rate}")
-        )
-        self._run(
-            role, int(role == "master"), *entry, role, "--config", f"{role}.yaml", ready=_READY.get(role)
-        )
+        entry = ["forefeel"]
+        if steering := self._steered.get(role):
+            entry = ["tests.system.net.steered", str(steering.step_s), str(steering.rate)]
+        words = (*entry, role, "--config", f"{role}.yaml")
+        self._run(role, int(role == "master"), *words, ready=_READY.get(role))
 
     def start_rival(self) -> None:
         """Starts a second master with the same certificate, beside the first; nobody records it."""
@@ -160,7 +152,8 @@ class Service:
         log = f"{name}.log"
         self.processes[name] = self.hosts.run(host, log, *words, within=self.within.get(name, ()))
         if ready is not None:
-            self.hosts.wait_until(lambda: self.hosts.says(log, ready), 60, name)
+            patience_s = 60.0 if name == "slave" else 20.0
+            self.hosts.wait_until(lambda: self.hosts.says(log, ready), patience_s, name)
 
     def command(self, name: str, timeout_s: float = 20.0) -> int:
         """Runs `forefeel NAME` with the slave's settings on its host; its exit code."""
