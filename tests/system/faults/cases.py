@@ -301,14 +301,14 @@ def _device(name: str, wait_s: float, lasts: bool, scene: Scene) -> Incident:
     return Incident(at_s, scene.cleared())
 
 
-def _one_writer(found: Evidence, incident: Incident) -> tuple[str, list[str]]:
-    executed = found.executed(incident.injected_s)
+def _one_writer(evidence: Evidence, incident: Incident) -> tuple[str, list[str]]:
+    executed = evidence.executed(incident.injected_s)
     wrong = [] if len(executed) == 1 else [f"commands of {len(executed)} sessions were executed"]
     return "nothing of it was executed", wrong
 
 
-def _clock_bound(found: Evidence, incident: Incident) -> tuple[str, list[str]]:
-    bound_s, error_s = found.clock_bound_s(incident.injected_s)
+def _clock_bound(evidence: Evidence, incident: Incident) -> tuple[str, list[str]]:
+    bound_s, error_s = evidence.clock_bound_s(incident.injected_s)
     wrong = [f"the clocks are off by {error_s * 1e3:.1f} ms, beyond the bound"] if error_s > bound_s else []
     return f"clock bound ±{bound_s * 1e3:.0f} ms, true error {error_s * 1e3:.0f} ms", wrong
 
@@ -510,9 +510,9 @@ def _of_devices() -> Iterable[Fault]:
     ):
         unplugged = happens == "unplug,plug"
         device = "load_cell" if process == "cell" else "stage"
-        told = (Expected("slave", "device_fault", name=device, reason=reason),) if unplugged else ()
+        device_fault = (Expected("slave", "device_fault", name=device, reason=reason),) if unplugged else ()
         yield Fault(
             name, partial(_device, process, wait_s, unplugged), "repaired; forefeel clear",
             rest_s=rest_s, faded_s=rest_s + r.NEAR.faded_s, service={"emulated": {process: happens}},
-            events=(*told, stopped("fault", reason), heard("fault"), *_CLEARED), flights=_BOTH,
+            events=(*device_fault, stopped("fault", reason), heard("fault"), *_CLEARED), flights=_BOTH,
         )  # fmt: skip

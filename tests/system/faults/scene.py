@@ -190,54 +190,54 @@ class Judgement:
     def judge(self, incident: Incident, folder: Path) -> None:
         """Reads the recordings and the logs."""
         fault, at_s = self.fault, incident.injected_s
-        found = Evidence(folder, None if fault.steered is None else (*fault.steered, at_s))
-        self._judge_motion(incident, found)
+        evidence = Evidence(folder, None if fault.steered is None else (*fault.steered, at_s))
+        self._judge_motion(incident, evidence)
         stood = (at_s, incident.over_s) if incident.stood == "slave" else None
-        stale, excess_s = found.stale_commands(required.STALE_S, None if fault.changing else at_s, stood)
+        stale, excess_s = evidence.stale_commands(required.STALE_S, None if fault.changing else at_s, stood)
         self.figures.append(f"{stale} stale commands executed, the oldest {excess_s * 1e3:.3g} ms too old")
         if stale:
             self.failures.append(self.figures[-1])
-        self._judge_force(incident, found)
+        self._judge_force(incident, evidence)
         self._recovery = incident.recovery or fault.recovery
         if fault.finding is not None:
-            finding, failures = fault.finding(found, incident)
+            finding, failures = fault.finding(evidence, incident)
             self._recovery = f"{self._recovery}; {finding}"
             self.failures += failures
         self.figures.append(self._recovery)
-        self._judge_recordings(at_s, found, folder)
+        self._judge_recordings(at_s, evidence, folder)
         logged, failures = judge_logs(folder, fault.events, fault.flights, at_s, incident.stood)
         self.figures.append(logged)
         self.failures += failures
 
-    def _judge_motion(self, incident: Incident, found: Evidence) -> None:
+    def _judge_motion(self, incident: Incident, evidence: Evidence) -> None:
         fault, at_s = self.fault, incident.injected_s
-        moved_m = found.moved_while_stopped_m(_GRACE_S)
+        moved_m = evidence.moved_while_stopped_m(_GRACE_S)
         if fault.rest_s is None:
             stop = next(
-                (event for t_s, event in found.events if t_s > at_s and event.before == "armed"), None
+                (event for t_s, event in evidence.events if t_s > at_s and event.before == "armed"), None
             )
             if stop is not None and not fault.may_go_on and stop.event != "release":
                 self.failures.append(f"the stage stopped: {stop.event}: {stop.reason}")
         else:
-            moved_m = max(moved_m, self._judge_rest(fault.rest_s, incident, found))
+            moved_m = max(moved_m, self._judge_rest(fault.rest_s, incident, evidence))
         self.figures.append(f"{moved_m * 1e6:.3g} um moved while stopped")
         if moved_m > required.STILL_M:
             self.failures.append(self.figures[-1])
-        engaged_s = found.next_event_s("engage", at_s)
-        if engaged_s is not None and not found.released_between(at_s, engaged_s):
+        engaged_s = evidence.next_event_s("engage", at_s)
+        if engaged_s is not None and not evidence.released_between(at_s, engaged_s):
             self.failures.append("engaged again without a released deadman")
-        over_s = found.next_event_s("clear", incident.over_s) or incident.over_s
-        armed_s = found.next_event_s("engaged", over_s)
+        over_s = evidence.next_event_s("clear", incident.over_s) or incident.over_s
+        armed_s = evidence.next_event_s("engaged", over_s)
         self._armed_s = None if armed_s is None else armed_s - over_s
         if fault.rest_s is not None and armed_s is None:
             self.failures.append("did not arm again")
 
-    def _judge_rest(self, required_s: float, incident: Incident, found: Evidence) -> float:
+    def _judge_rest(self, required_s: float, incident: Incident, evidence: Evidence) -> float:
         """Judges each of the stops and keeps the slowest; by how many m the stage moved on from any."""
         moved_again_m, rests_s = 0.0, list[float]()
-        for at_s in (incident.injected_s, *filter(found.following, incident.again_s)):
-            start_s = self._noticed_s(at_s, found)
-            after_s, moved_m = found.rest(start_s)
+        for at_s in (incident.injected_s, *filter(evidence.following, incident.again_s)):
+            start_s = self._noticed_s(at_s, evidence)
+            after_s, moved_m = evidence.rest(start_s)
             rests_s.append(after_s + start_s - at_s)
             moved_again_m = max(moved_again_m, moved_m)
             if rests_s[-1] > required_s:
@@ -246,28 +246,28 @@ class Judgement:
         self.figures.append(f"{self._rest_s:.3f} s to rest")
         return moved_again_m
 
-    def _judge_force(self, incident: Incident, found: Evidence) -> None:
+    def _judge_force(self, incident: Incident, evidence: Evidence) -> None:
         fault, at_s = self.fault, incident.injected_s
         frozen = incident.stood == "master"
         stood = (at_s, incident.over_s) if frozen else None
-        stale_s = 0.0 if found.steered else found.felt_stale_s(required.FORCE_AGE_S, stood)
+        stale_s = 0.0 if evidence.steered else evidence.felt_stale_s(required.FORCE_AGE_S, stood)
         if stale_s > required.STALE_FELT_S:
             self.failures.append(f"the hand felt a force for {stale_s:.3f} s after the last fresh one")
         if fault.faded_s is None:
             return
-        start_s = incident.over_s if frozen else self._noticed_s(at_s, found)
-        faded_s = found.faded_after_s(start_s) + (0.0 if frozen else start_s - at_s)
-        self.figures.append(f"{found.rendered_n(at_s):.3g} N faded after {faded_s:.3f} s")
+        start_s = incident.over_s if frozen else self._noticed_s(at_s, evidence)
+        faded_s = evidence.faded_after_s(start_s) + (0.0 if frozen else start_s - at_s)
+        self.figures.append(f"{evidence.rendered_n(at_s):.3g} N faded after {faded_s:.3f} s")
         if faded_s > fault.faded_s:
             self.failures.append(f"{self.figures[-1]}, required {fault.faded_s:.2f} s")
 
-    def _noticed_s(self, at_s: float, found: Evidence) -> float:
+    def _noticed_s(self, at_s: float, evidence: Evidence) -> float:
         noticed = self.fault.noticed
-        return at_s if noticed is None else found.next_event_s(noticed, at_s) or at_s
+        return at_s if noticed is None else evidence.next_event_s(noticed, at_s) or at_s
 
-    def _judge_recordings(self, at_s: float, found: Evidence, folder: Path) -> None:
+    def _judge_recordings(self, at_s: float, evidence: Evidence, folder: Path) -> None:
         """Both have to be whole, for they were closed in order; one that was struck may have lost its end."""
-        cut_off = [run.path.name for run in (found.slave, found.master) if run.truncated]
+        cut_off = [run.path.name for run in (evidence.slave, evidence.master) if run.truncated]
         if cut_off:
             self.failures.append(f"truncated: {', '.join(cut_off)}")
         elif self.fault.lost_s is not None:

@@ -155,8 +155,8 @@ class Evidence:
         if before_s is not None:
             excess_s -= excess_s[when_s < before_s].min()
         else:
-            for each in np.unique(session):
-                mine = session == each
+            for number in np.unique(session):
+                mine = session == number
                 excess_s[mine] -= usual_s(when_s[mine], excess_s[mine])
         if stood is not None:
             excess_s = excess_s[(when_s < stood[0]) | (when_s > stood[1])]
@@ -248,10 +248,10 @@ def usual_s(time_s: Floats, age_s: Floats) -> Floats:
     So a cable that becomes slower makes everything old until the next session, and one that becomes faster
     does not make old what it carried before.
     """
-    found = np.minimum.accumulate(age_s)
+    least_s = np.minimum.accumulate(age_s)
     early = time_s < time_s[0] + _FIRST_S if len(time_s) else np.zeros(0, dtype=bool)
-    found[early] = age_s[early].min(initial=np.inf)
-    return found
+    least_s[early] = age_s[early].min(initial=np.inf)
+    return least_s
 
 
 def set_right(

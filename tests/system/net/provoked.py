@@ -29,9 +29,8 @@ _MOST_STEPS = 100
 """10 mm/s of 0.1 um, in a ms."""
 
 
-def main() -> None:
-    faults = sys.argv.pop(1).split(",")
-    sys.argv.insert(1, "emulate")
+def provoke(faults: list[str]) -> bytearray:
+    """Lets the next of them happen at each SIGUSR1; the rows of the motion, as they come."""
     waiting, lies, rows = list[str](), ["honest"], bytearray()
     signal.signal(signal.SIGUSR1, lambda *_: waiting.append(faults.pop(0)))
     step, measure = emulator.ZaberAxis.step, EmulatedSensor.measure
@@ -70,6 +69,12 @@ def main() -> None:
         (run, "obey_stdin", obey_signals_too),
     ):
         setattr(place, name, replacement)
+    return rows
+
+
+def main() -> None:
+    rows = provoke(sys.argv.pop(1).split(","))
+    sys.argv.insert(1, "emulate")
     try:
         run_command_line()
     finally:
