@@ -211,7 +211,8 @@ class LiveCell:
 
     def newest(self, topic: Topic[M]) -> M:
         """The newest message of a topic."""
-        return self.since(topic, 0)[-1]
+        payload, at_ns = self.received[topic.key(CELL, AXIS)][-1]
+        return observed(topic, payload, at_ns)[-1][0]
 
     def newest_state(self) -> tuple[int, SlaveState] | None:
         """(when it was received, state of the slave)."""
