@@ -172,20 +172,14 @@ class Judgement:
         self.fault = fault
         self.figures: list[str] = []
         self.failures: list[str] = []
-        self._rest_s: float | None = None
-        self._armed_s: float | None = None
+        self._rest = "goes on" if fault.rest_s is None else f"of {fault.rest_s:.3f}"
+        self._armed = ""
         self._recovery = fault.recovery
 
     @property
     def cells(self) -> tuple[str, ...]:
         """The row of the page of faults."""
-        required_s = self.fault.rest_s
-        rest_s, armed_s = (
-            "" if value is None else f"{value:.{digits}f}"
-            for value, digits in ((self._rest_s, 3), (self._armed_s, 1))
-        )
-        rest = "goes on" if required_s is None else f"{rest_s} of {required_s:.3f}"
-        return self.fault.name, rest, armed_s, "FAILED" if self.failures else self._recovery
+        return self.fault.name, self._rest, self._armed, "FAILED" if self.failures else self._recovery
 
     def judge(self, incident: Incident, folder: Path) -> None:
         """Reads the recordings and the logs."""
@@ -228,8 +222,9 @@ class Judgement:
             self.failures.append("engaged again without a released deadman")
         over_s = evidence.next_event_s("clear", incident.over_s) or incident.over_s
         armed_s = evidence.next_event_s("engaged", over_s)
-        self._armed_s = None if armed_s is None else armed_s - over_s
-        if fault.rest_s is not None and armed_s is None:
+        if armed_s is not None:
+            self._armed = f"{armed_s - over_s:.1f}"
+        elif fault.rest_s is not None:
             self.failures.append("did not arm again")
 
     def _judge_rest(self, required_s: float, incident: Incident, evidence: Evidence) -> float:
@@ -242,8 +237,8 @@ class Judgement:
             moved_again_m = max(moved_again_m, moved_m)
             if rests_s[-1] > required_s:
                 self.failures.append(f"at rest after {rests_s[-1]:.3f} s, required {required_s:.3f} s")
-        self._rest_s = max(rests_s)
-        self.figures.append(f"{self._rest_s:.3f} s to rest")
+        self._rest = f"{max(rests_s):.3f} {self._rest}"
+        self.figures.append(f"{max(rests_s):.3f} s to rest")
         return moved_again_m
 
     def _judge_force(self, incident: Incident, evidence: Evidence) -> None:

@@ -124,8 +124,9 @@ class Motion:
         self._rest_m: float | None = None
         self.moved: list[str] = []
 
-    def receive(self, payload: bytes) -> None:
-        for sample, _ in observed(FORCE, payload, 0):
+    def receive(self, key: str, payload: bytes) -> None:
+        samples = observed(FORCE, payload, 0) if key == FORCE.key(CELL, AXIS) else []
+        for sample, _ in samples:
             missed = sample.sequence - self._sequence - 1
             if not 0 <= missed < _UNHEARD or sample.answers_sequence is not None:
                 self._since_ns = self._rest_m = None  # another process, or it follows, or may have followed
@@ -170,7 +171,7 @@ class Soak:
 
     def run(self, faults: list[Fault], duration_s: float) -> None:
         random = Random(f"links {self.seed}")
-        self.cell.watch = self._receive
+        self.cell.watch = self.motion.receive
         for role in ("slave", "master", "recorder"):
             self._start(role, random)
         stop = threading.Event()
@@ -188,10 +189,6 @@ class Soak:
             stop.set()
             watcher.join()
         self._end()
-
-    def _receive(self, key: str, payload: bytes) -> None:
-        if key == FORCE.key(CELL, AXIS):
-            self.motion.receive(payload)
 
     def _start(self, role: str, random: Random) -> None:
         link = {"impairment": {"inbound": random.choice(_LINKS), "seed": random.randrange(1000)}}
