@@ -20,7 +20,7 @@ def rules(case: Case) -> set[str]:
 @pytest.mark.parametrize("name", ["cell 50 ms late", "cell of 20 Hz", "filter of 5 Hz", "stage of 8 Hz"])
 def test_limit_holds_at_the_speed_that_it_prints_however_late_the_force_is(name: str) -> None:
     case = Case(**CASES[name], seed=SEED)
-    case.pair.run(4.0)
+    case.pair.run(3.2)
     assert 2.5 < case.most_n <= MOST_N
     (armed,) = {e.reason for e in case.pair.traffic.messages(SAFETY_EVENT) if e.event == "engage"}
     claimed = re.search(r"limit 3 N holds up to ([\d.]+) mm/s against walls up to 3000 N/m", armed)
@@ -58,7 +58,7 @@ def test_a_force_above_its_limit_is_said_at_once_and_of_a_wall_that_moves_the_st
     name: str, most_n: float
 ) -> None:
     case = Case(**CASES[name], seed=SEED)
-    case.pair.run(3.5)
+    case.pair.run(3.0)
     assert 0.0 <= case.said_s < 0.1
     assert 3.15 < case.most_n < most_n
     assert not case.pair.traffic.times("fault")
@@ -67,7 +67,7 @@ def test_a_force_above_its_limit_is_said_at_once_and_of_a_wall_that_moves_the_st
 
 def test_a_load_cell_of_the_wrong_sign_is_a_fault_in_the_first_contact() -> None:
     case = Case(**CASES["cell of the wrong sign"], seed=SEED)
-    case.pair.run(3.0)
+    case.pair.run(2.2)
     (reason,) = {e.reason for e in case.pair.traffic.messages(SAFETY_EVENT) if e.event == "fault"}
     assert "load_cell.sign" in reason
     assert case.most_n < 4.6

@@ -31,7 +31,7 @@ def test_the_stage_never_leaves_limits_that_the_operator_would() -> None:
         workspace_m=(-0.002, 0.020), max_velocity_m_s=0.02, max_acceleration_m_s2=0.5, max_force_n=0.15
     )
     pair = Pair(limits, limits)
-    pair.run(6)
+    pair.run(4)  # in and out
     position_m, velocity_m_s, force_n = (
         pair.traffic.column(FORCE, name) for name in ("position_m", "velocity_m_s", "force_n")
     )

@@ -309,8 +309,8 @@ def test_the_model_files_of_both_ends_are_used(tmp_path: Path) -> None:
 
 def test_a_commanded_restroke_inserts_further_and_each_grip_is_a_new_contact() -> None:
     """Grip, push, release, draw back, grip again."""
-    plan = make_plan(LoopbackOptions(seed=1, impairment="lan", duration_s=9.5))
-    plan.master["axes"][0]["handle"]["restroke"] = True
+    plan = make_plan(LoopbackOptions(seed=1, impairment="lan", duration_s=5.1))
+    plan.master["axes"][0]["handle"] |= {"restroke": True, "insert_s": 0.9, "withdraw_s": 0.7, "dwell_s": 0.3}
     samples = traffic_of(looped(plan)).messages(FORCE)
     grips = [s.gripper for s in samples]
     openings = [i for i in range(1, len(grips)) if (grips[i - 1], grips[i]) == (Grip.CLOSED, Grip.OPEN)]

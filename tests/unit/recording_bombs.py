@@ -144,8 +144,8 @@ def expanding_files() -> dict[str, tuple[Callable[[Path], None], str]]:
     return {
         "far.xlsx": (
             _spreadsheet(
-                '<dimension ref="A1:XFD1048576"/><sheetData><row r="1"><c r="A1"><v>1</v></c></row>'
-                '<row r="1048576"><c r="XFD1048576"><v>1</v></c></row></sheetData>'
+                '<dimension ref="A1:XFD131072"/><sheetData><row r="1"><c r="A1"><v>1</v></c></row>'
+                '<row r="131072"><c r="XFD131072"><v>1</v></c></row></sheetData>'
             ),
             "no time",
         ),

@@ -9,6 +9,7 @@ what the diagnosis makes of a recording are exempt: nothing is ever selected by 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
+from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -115,8 +116,8 @@ def _visible(population: Population, seed: int) -> tuple[Bench, Take, list[Effec
         bench, take = _drawn_bench(rng, plan, maker)
         found = maker(rng, bench)
         force_n = read(changed(bench, found), take)
-        share = visibility(bench, take, found, force_n)
-        if share >= LEAST_SHARE or population is Population.ODD:
+        share = inf if population is Population.ODD else visibility(bench, take, found, force_n)
+        if share >= LEAST_SHARE:
             return bench, take, found, share, force_n
     raise RuntimeError(f"{population.value} {seed}: nothing visible in {_MOST_TRIES} recordings")
 
@@ -124,7 +125,7 @@ def _visible(population: Population, seed: int) -> tuple[Bench, Take, list[Effec
 def visibility(bench: Bench, take: Take, found: Sequence[Effect], complete: Array) -> float:
     """The smallest share of an effect in the `complete` force by the noise's rms; infinite without any."""
     if not found:
-        return np.inf
+        return inf
     x = np.stack(bench.stage.at(take.time_s), axis=1)
     columns = np.column_stack((x / np.maximum(np.std(x, axis=0), 1e-12), np.ones(len(x))))
     shares = []
@@ -150,7 +151,7 @@ def _recorded(bench: Bench, take: Take, found: Sequence[Effect], share: float, f
         force_n=force_n,
         names=frozenset(effect.name for effect in found if effect.name),
         families=frozenset[str]().union(*(effect.families for effect in found)),
-        description=f"{said} [{share:.1f} x noise] in {take.words}",
+        description=f"{said}{f' [{share:.1f} x noise]' if share < inf else ''} in {take.words}",
         hides=bool(found),
         parameters={effect.name: effect.parameters for effect in found if effect.name},
     )

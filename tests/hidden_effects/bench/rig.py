@@ -8,6 +8,7 @@ that brings a body to rest if its limit allows. So a body that sticks has a velo
 (Moreau, Unilateral contact and dry friction in finite freedom dynamics, 1988.)
 """
 
+from collections.abc import Callable, Iterable
 from math import exp, inf, log, pi, sin, sqrt
 from typing import NamedTuple
 
@@ -93,7 +94,7 @@ def simulated(rig: Rig, stage: Stage, push_n: Array | None = None, heave_m: Arra
     push = np.zeros_like(stage.x) if push_n is None else push_n[: len(stage.x)]
     heave = np.zeros_like(stage.x) if heave_m is None else heave_m[: len(stage.x)]
     driven = (stage.t, stage.x, stage.v, push, heave, np.gradient(heave, STEP_S))
-    cell_n, x, v = _advance(rig, np.column_stack(driven).tolist())
+    cell_n, x, v = _advance(rig, float(stage.x[0]), zip(*(column.tolist() for column in driven), strict=True))
     return Run(np.array(cell_n), np.array(x), np.array(v))
 
 
@@ -104,51 +105,72 @@ def contact(mass_kg: float, frequency_hz: float, restitution: float) -> tuple[fl
     return stiffness_n_m, 2.0 * damping_ratio * sqrt(stiffness_n_m * mass_kg)
 
 
-def _link(stretch_m: float, rate_m_s: float, link: Link) -> tuple[float, float]:
-    """Force on the body behind, and the damper's coefficient as far as it acts; a contact does not pull."""
+def _reaction(link: Link) -> Callable[[float, float], tuple[float, float]]:
+    """By stretch and its rate: force on the body behind, and the damper's coefficient as far as it acts.
+
+    A contact does not pull.
+    """
     stiffness_n_m, damping_n_s_m, gap_m, limit_n = link
-    if gap_m > 0.0:
-        half_m = 0.5 * gap_m
-        if abs(stretch_m) <= half_m:
+    half_m = 0.5 * gap_m
+
+    def contacts(stretch_m: float, rate_m_s: float) -> tuple[float, float]:
+        if -half_m <= stretch_m <= half_m:
             return 0.0, 0.0
         side = 1.0 if stretch_m > 0.0 else -1.0
         force_n = stiffness_n_m * (stretch_m - side * half_m) + damping_n_s_m * rate_m_s
         return (force_n, damping_n_s_m) if side * force_n > 0.0 else (0.0, 0.0)
-    elastic_n = stiffness_n_m * stretch_m
-    if elastic_n > limit_n:
-        elastic_n = limit_n + _BUCKLED * (elastic_n - limit_n)
-    return elastic_n + damping_n_s_m * rate_m_s, damping_n_s_m
+
+    def spring(stretch_m: float, rate_m_s: float) -> tuple[float, float]:
+        elastic_n = stiffness_n_m * stretch_m
+        if elastic_n > limit_n:
+            elastic_n = limit_n + _BUCKLED * (elastic_n - limit_n)
+        return elastic_n + damping_n_s_m * rate_m_s, damping_n_s_m
+
+    return contacts if gap_m > 0.0 else spring
 
 
-def _wall(
-    t: float, depth_m: float, v: float, rate_m_s: float, relaxing_n: float, wall: Wall
-) -> tuple[float, float]:
-    """Resisting force and its damping; v is the body's own velocity, rate_m_s that against the wall."""
-    drag_n, drag = wall.drag_n_s2_m2 * v * abs(v), 2.0 * wall.drag_n_s2_m2 * abs(v)
-    if wall.unilateral > 0.0 and depth_m <= 0.0:
-        return drag_n, drag
-    elastic_n = depth_m * (wall.stiffness_n_m + depth_m * (wall.quadratic_n_m2 + depth_m * wall.cubic_n_m3))
-    if wall.level_n != 0.0:
-        elastic_n += wall.level_n * (exp(depth_m / wall.length_m) - 1.0)
-    if t > wall.change_s:
-        elastic_n *= 1.0 + (wall.ratio - 1.0) * min((t - wall.change_s) / _CHANGE_S, 1.0)
-    damping = wall.forward_n_s_m if rate_m_s > 0.0 else wall.backward_n_s_m
-    if depth_m > 0.0:
-        damping += wall.hunt_n_s_m2 * depth_m
-    pressed_n = elastic_n + relaxing_n + damping * rate_m_s
-    if wall.unilateral > 0.0 and pressed_n < 0.0:
-        pressed_n = 0.0
-    return pressed_n + drag_n, damping + drag
+def _resistance(wall: Wall) -> Callable[[float, float, float, float, float], tuple[float, float]]:
+    """By time, depth, the body's own velocity, that against the wall and what relaxes: force and damping."""
+    stiffness, _, forward, backward, quadratic, cubic, level_n, length_m = wall[:8]
+    hunt, drag, unilateral, ratio, change_s = wall[8:13]
+
+    def resisting(
+        t: float, depth_m: float, v: float, rate_m_s: float, relaxing_n: float
+    ) -> tuple[float, float]:
+        drag_n, damping = (drag * v * abs(v), 2.0 * drag * abs(v)) if drag else (0.0, 0.0)
+        if unilateral > 0.0 and depth_m <= 0.0:
+            return drag_n, damping
+        elastic_n = depth_m * (stiffness + depth_m * (quadratic + depth_m * cubic))
+        if level_n:
+            elastic_n += level_n * (exp(depth_m / length_m) - 1.0)
+        if t > change_s:
+            elastic_n *= 1.0 + (ratio - 1.0) * min((t - change_s) / _CHANGE_S, 1.0)
+        own = forward if rate_m_s > 0.0 else backward
+        if hunt and depth_m > 0.0:
+            own += hunt * depth_m
+        pressed_n = elastic_n + relaxing_n + own * rate_m_s
+        if unilateral > 0.0 and pressed_n < 0.0:
+            pressed_n = 0.0
+        return pressed_n + drag_n, own + damping
+
+    return resisting
 
 
-def _dry(x: float, v: float, way_m: float, body: Body) -> float:
-    """The largest dry friction now: static at rest, falling to Coulomb's with the speed."""
-    _, _, limit_n, static_n, stribeck_m_s, growth_n_m, wear_m = body
-    if static_n != limit_n:
-        limit_n += (static_n - limit_n) * exp(-((v / stribeck_m_s) ** 2))
-    if x > 0.0:
-        limit_n += growth_n_m * x
-    return limit_n * (_WORN + (1.0 - _WORN) * exp(-way_m / wear_m)) if wear_m < inf else limit_n
+def _friction(body: Body) -> Callable[[float, float, float], float] | None:
+    """By position, velocity and way: the largest dry friction, static at rest, falling to Coulomb's with the
+    speed; None where nothing rubs.
+    """
+    _, _, coulomb_n, static_n, stribeck_m_s, growth_n_m, wear_m = body
+
+    def largest_n(x: float, v: float, way_m: float) -> float:
+        limit_n = coulomb_n
+        if static_n != coulomb_n:
+            limit_n += (static_n - coulomb_n) * exp(-((v / stribeck_m_s) ** 2))
+        if x > 0.0:
+            limit_n += growth_n_m * x
+        return limit_n * (_WORN + (1.0 - _WORN) * exp(-way_m / wear_m)) if wear_m < inf else limit_n
+
+    return largest_n if coulomb_n or static_n or growth_n_m else None
 
 
 def _capstan(tip_n: float, x: float, wall: Wall) -> tuple[float, float]:
@@ -158,47 +180,51 @@ def _capstan(tip_n: float, x: float, wall: Wall) -> tuple[float, float]:
     return (against, along) if tip_n > 0.0 else (along, against)
 
 
-def _advance(rig: Rig, driven: list[list[float]]) -> tuple[list[float], list[list[float]], list[list[float]]]:
+def _advance(
+    rig: Rig, start_m: float, driven: Iterable[tuple[float, ...]]
+) -> tuple[list[float], list[list[float]], list[list[float]]]:
     """One loop over time; `driven`: time, stage's position and velocity, push, heave and its velocity.
 
-    Plain floats in lists: elements of arrays would take three times as long.
+    Plain floats in lists: elements of arrays would take three times as long. In front of body 0 is the stage,
+    at index -1. A step goes from the wall to it, so what is in front of a body has not moved yet.
     """
-    bodies, links, wall, cell = rig.bodies, rig.links, rig.wall, rig.cell
-    count, last = len(bodies), len(bodies) - 1
-    x, v, way = [driven[0][1]] * count, [0.0] * count, [0.0] * count
+    wall, waves, cell, last = rig.wall, rig.waves, rig.cell, len(rig.bodies) - 1
+    rest_m, resistance, bends = wall.rest_m, _resistance(wall), bool(wall.capstan or wall.capstan_per_m)
+    chain = [
+        (i, _reaction(rig.links[i]), _friction(rig.bodies[i]), *rig.bodies[i][:2])
+        for i in range(last, -1, -1)
+    ]
     relaxing = [(n_m, tau_s, exp(-STEP_S / tau_s), 0.0) for n_m, tau_s in rig.branches]
     hairs = [(n_m, most_m, 0.0) for n_m, most_m in rig.asperities]
-    bends = wall.capstan != 0.0 or wall.capstan_per_m != 0.0
-    cell_n: list[float] = []
-    all_x: list[list[float]] = [[] for _ in bodies]
-    all_v: list[list[float]] = [[] for _ in bodies]
-    for t, front, front_v, push_n, heave_m, heave_v in driven:
-        forces = []
-        for i, link in enumerate(links):
-            forces.append(_link(front - x[i], front_v - v[i], link))
-            front, front_v = x[i], v[i]  # noqa: PLW2901 - of the next link
-        cell_n.append(forces[cell][0])
-        depth, rate = front - wall.rest_m - heave_m, front_v - heave_v
+    x, v, way = [start_m] * (last + 2), [0.0] * (last + 2), [0.0] * (last + 1)
+    cell_n, all_x, all_v = list[float](), [list[float]() for _ in way], [list[float]() for _ in way]
+    for t, x[-1], v[-1], push_n, heave_m, heave_v in driven:
+        depth, rate = x[last] - rest_m - heave_m, v[last] - heave_v
         relaxing_n, held_n = 0.0, push_n
         for n_m, _, _, u in relaxing:
             relaxing_n += n_m * u
-        tip_n, tip_c = _wall(t, depth, front_v, rate, relaxing_n, wall)
         for n_m, _, u in hairs:
             held_n += n_m * u
-        for wave_n, per_m, phase in rig.waves:
-            held_n += wave_n * sin(per_m * front + phase)
-        forces.append((tip_n + held_n, tip_c))
-        for i, body in enumerate(bodies):
-            (link_n, link_c), (behind_n, behind_c) = forces[i], forces[i + 1]
-            given = STEP_S / (body[0] + STEP_S * (body[1] + link_c + behind_c))
-            free = v[i] + given * (link_n - behind_n - body[1] * v[i])
-            dry_n = _dry(x[i], v[i], way[i], body)
-            forward_n, backward_n = _capstan(tip_n, x[i], wall) if bends and i == last else (0.0, 0.0)
-            v[i] = free - min(max(free, -given * (dry_n + backward_n)), given * (dry_n + forward_n))
-            x[i] += STEP_S * v[i]
-            way[i] += STEP_S * abs(v[i])
+        for wave_n, per_m, phase in waves:
+            held_n += wave_n * sin(per_m * x[last] + phase)
+        tip_n, behind_c = resistance(t, depth, v[last], rate, relaxing_n)
+        behind_n = tip_n + held_n
+        for i, reaction, friction, mass_kg, viscous in chain:
+            at, speed = x[i], v[i]
+            link_n, link_c = reaction(x[i - 1] - at, v[i - 1] - speed)
+            if i == cell:
+                cell_n.append(link_n)
+            given = STEP_S / (mass_kg + STEP_S * (viscous + link_c + behind_c))
+            free = speed + given * (link_n - behind_n - viscous * speed)
+            if friction or bends:
+                dry_n = friction(at, speed, way[i]) if friction else 0.0
+                forward_n, backward_n = _capstan(tip_n, at, wall) if bends and i == last else (0.0, 0.0)
+                free -= min(max(free, -given * (dry_n + backward_n)), given * (dry_n + forward_n))
+            v[i], x[i] = free, at + STEP_S * free
+            way[i] += STEP_S * abs(free)
             all_x[i].append(x[i])
-            all_v[i].append(v[i])
+            all_v[i].append(free)
+            behind_n, behind_c = link_n, link_c
         if relaxing:
             rate = v[last] - heave_v if wall.unilateral == 0.0 or depth > 0.0 else 0.0
             relaxing = [
