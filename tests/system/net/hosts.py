@@ -173,12 +173,23 @@ class Hosts:
             time.sleep(0.02)
 
     def end(self, process: Process, number: signal.Signals = signal.SIGTERM) -> int:
-        """Ends one; its exit code."""
+        """Ends one; its exit code.
+
+        Raises:
+            AssertionError: it goes on, with what each of its threads waits for.
+        """
         self.expected_ends.add(process.pid)
         with suppress(ProcessLookupError):
             process.send_signal(signal.SIGCONT)
             process.send_signal(number)
-        return process.wait(15)
+        try:
+            return process.wait(15)
+        except subprocess.TimeoutExpired as error:
+            tasks = Path(f"/proc/{process.pid}/task").iterdir()
+            waits = [
+                " ".join((task / name).read_text().strip() for name in ("comm", "wchan")) for task in tasks
+            ]
+            raise AssertionError(f"does not end: {waits} {self.last_words()}") from error
 
     def says(self, log: str, text: str) -> bool:
         path = self.folder / log
