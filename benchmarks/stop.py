@@ -121,10 +121,11 @@ def _slave(folder: Path, address: str, within: Sequence[str]) -> Iterator[str]:
     """A slave that is ready; its endpoint."""
     make_pki(folder / "pki", ["cell"], {"slave": [address.partition(":")[0]]})
     endpoint = f"tls/{address}"
-    settings = {"slave": "listen", "master": "connect"}
-    for role, side in settings.items():
+    settings = {"slave": ("listen", ""), "master": ("connect", "axes: [{handle: {driver: operator}}]\n")}
+    for role, (side, axes) in settings.items():
         (folder / f"{role}.yaml").write_text(
-            f"role: {role}\nstate: {{directory: {role}}}\ntransport: {{{side}: ['{endpoint}'], pki: pki}}\n"
+            f"role: {role}\nstate: {{directory: {role}}}\n{axes}"
+            f"transport: {{{side}: ['{endpoint}'], pki: pki}}\n"
         )
     command = [*within, *_FOREFEEL, "slave", "--config", "slave.yaml"]
     with subprocess.Popen(command, cwd=folder, stderr=subprocess.DEVNULL) as process:
