@@ -131,13 +131,10 @@ def bare_config(connect: str, pki: Path | None, role: PartyRole, authority: Path
     paths = {**FIXED, "mode": "peer", "connect/endpoints": [connect]}
     paths |= {"connect/timeout_ms": 0, "connect/exit_on_failure": False}
     if pki is not None:
-        paths |= {
-            "transport/link/tls": secured(Party(role, (CELL,)), identity(pki, role, authority))[
-                "transport/link/tls"
-            ]
-        }
+        ours = secured(Party(role, (CELL,)), identity(pki, role, authority))
+        paths["transport/link/tls"] = ours["transport/link/tls"]
     elif authority is not None:
-        paths |= {"transport/link/tls": {"root_ca_certificate": str(authority)}}
+        paths["transport/link/tls"] = {"root_ca_certificate": str(authority)}
     for path, value in paths.items():
         config.insert_json5(path, json.dumps(value))
     return config

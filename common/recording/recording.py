@@ -136,8 +136,8 @@ class Recording:
     @property
     def sampled_s(self) -> float:
         """`duration_s` without the gaps, such as those between joined recordings."""
-        intervals_s = np.diff(self.time_s)
-        return float(intervals_s[intervals_s <= max(GAP_S, 2.0 / self.rate_hz) + _ROUNDING_S].sum())
+        pieces = self.segments(max(GAP_S, 2.0 / self.rate_hz))
+        return sum(float(self.time_s[piece][-1] - self.time_s[piece][0]) for piece in pieces)
 
     @property
     def rate_hz(self) -> float:

@@ -130,9 +130,10 @@ def stop_over_network(sender: StopSender, axes: tuple[str, ...], reason: str) ->
             if stopper.news.wait(EVERY_S):
                 stopper.news.clear()
             outcome = stopper.outcome()
-            if all_stopped(outcome):  # perhaps by an earlier stop, while this one went out before any link
-                stopper.publish(clock.now_ns())
-            if all_stopped(outcome) or time.monotonic() - start_s > FOR_S:
+            if all_stopped(outcome):
+                stopper.publish(clock.now_ns())  # an earlier stop may have done it, and no link had this one
+                return outcome
+            if time.monotonic() - start_s > FOR_S:
                 return outcome
     finally:
         opened.close()
