@@ -176,7 +176,9 @@ def _certain_rate_ppm(spans: Sequence[_Span]) -> float:
 
 
 def _agreed_rate_ppm(spans: Sequence[_Span]) -> float:
-    """Smallest, by size, of six rates in ppm, of both directions in each third; 0 unless of one sign."""
+    """Rate in ppm between the clocks, shown by both directions in each third of the spans: the smallest, by
+    size, of these six; 0 unless all have one sign.
+    """
     third = len(spans) // 3
     rates_ppm = [
         _certain_slope(points) * 1e6 / _SPAN_NS

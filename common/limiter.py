@@ -179,8 +179,8 @@ class MotionLimiter:
         return _clip(velocity_m_s, _stoppable_m_s(room_m, self._wall_m_s2, dt_s))
 
     def _pass_time(self, dt_s: float) -> None:
-        """Advances the time by dt; leaves in `_shown[0]` the path of the setpoint that the newest force shows
-        already, by `age_s` and the delays of `reaction`.
+        """Advances the time by dt; leaves in `_shown[0]` the total way in m of the setpoint up to the instant
+        that the newest force shows, by `age_s` and the delays of `reaction`.
         """
         reaction, self._dt_s = self.reaction, dt_s
         self._delay_s = sum(reaction)

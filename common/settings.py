@@ -143,7 +143,7 @@ class AxisSettings(Settings):
         return (*without, *(f"unsafe: {key} = {attrgetter(key)(self)}" for key in dict.fromkeys(self.unsafe)))
 
     @model_validator(mode="after")
-    def _protects(self) -> Self:
+    def _check_bounds(self) -> Self:
         """Raises ValueError for a setting beyond its bound, if stage or handle is hardware and `unsafe` does
         not name it, and for a key in `unsafe` whose setting is not beyond its bound. Null counts as infinity.
         """
@@ -233,7 +233,7 @@ class DaemonSettings(Settings):
         return self
 
     @model_validator(mode="after")
-    def _follow_each_other(self) -> Self:
+    def _check_columns(self) -> Self:
         """Raises ValueError where the contact model of an axis follows a column that is no other axis."""
         for axis in self.axes:
             others = [other.name for other in self.axes if other is not axis]

@@ -70,7 +70,8 @@ def load_yaml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
 
 def _lines(node: yaml.Node, place: Place, path: Path) -> Iterator[tuple[Place, int]]:
     """Yields each place below `node` with its line; a key's twice, first with the line of its value, last
-    with that of the key, which is to win. Raises ConfigurationError: a key that is no text, or stands twice.
+    with that of the key, which is to win. Raises ConfigurationError: a key that is a list or mapping, or that
+    stands twice.
     """
     yield place, node.start_mark.line + 1
     if isinstance(node, yaml.SequenceNode):

@@ -127,8 +127,8 @@ class HandleWatch:
 
     def read(self, now_ns: int) -> HandleReading:
         """Returns the handle's reading. A DeviceError, or a reading out of range, sets `fault`; from then on
-        returns the last position at rest with the deadman released. Re-arms once the person has pressed the
-        deadman anew; the reading of that tick still has it released.
+        returns the last position at rest with the deadman released. Re-arms, except after a reversed motor,
+        once the person has pressed the deadman anew; the reading of that tick still has it released.
         """
         had_failed = self.fault is not None
         try:
@@ -145,7 +145,8 @@ class HandleWatch:
 
     def render(self, force_n: float, now_ns: int) -> float:
         """Applies a force to the hand, 0 while `fault` is set; returns the force as the handle applied it. A
-        DeviceError sets `fault` and returns 0; a motor that is found to be reversed sets `fault`, too.
+        DeviceError sets `fault` and returns 0; a motor that is found to be reversed sets `fault`, too, but
+        not while a recording is played.
         """
         try:
             applied_n = self._handle.render(force_n if self.fault is None else 0.0, now_ns)
@@ -181,8 +182,8 @@ class HandleWatch:
 
 
 def _checked(reading: HandleReading) -> HandleReading:
-    """Returns the reading as it is; raises DeviceError where position, velocity or recording time is beyond
-    the range of the messages.
+    """Returns the reading as it is; raises DeviceError where position, velocity or recording time is NaN or
+    beyond the range of the messages.
     """
     x_m, v_m_s, time_s = reading.position_m, reading.velocity_m_s, reading.recording_time_s or 0.0
     if abs(x_m) <= MOST_POSITION_M and abs(v_m_s) <= MOST_VELOCITY_M_S and abs(time_s) <= MOST_SECONDS:

@@ -104,8 +104,8 @@ class HapticLoop:
     def tick(self, now_ns: int, inputs: HapticInputs) -> HapticOutputs:
         """Computes command, predicted force and rendered force of one tick; stateful. The rendered force
         fades out unless the newest force is fresh, the deadman pressed and the slave following. While the
-        watch distrusts the prediction the late force is rendered in its place, with a hit for it; if that
-        lasts, the deadman is released.
+        watch distrusts the prediction the newest measured force is rendered in its place, with a hit for it;
+        if that lasts, the deadman is released.
         """
         reading, force = inputs.reading, inputs.force
         position_m = self.clutch.command_m(reading, inputs.stage_position_m)

@@ -109,8 +109,9 @@ class PassivityLimit:
         return max(-self._most_n, min(self._most_n, (1.0 + share) * wanted_n))
 
     def limited_n(self, asked_n: float, present_n: float, velocity_m_s: float, dt_s: float) -> float:
-        """Force in N for the next tick: `asked_n` bounded in size by backing, brake and guard (see the
-        class), its sign kept; changes no state. `present_n`: of the last `dt_s`; `velocity_m_s`: of the hand.
+        """Force in N for the next tick: `asked_n` bounded in size by what the energy credit covers (backing,
+        brake and guard of the class), its sign kept; changes no state. `present_n`: of the last `dt_s`;
+        `velocity_m_s`: of the hand.
         """
         credit_j, late_s = max(self._credit_j, 0.0), (self._pending - 2) * _TICK_S
         into = 1.0 if asked_n >= 0.0 else -1.0

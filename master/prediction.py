@@ -235,7 +235,7 @@ class IdentificationTask:
         self.snapshot = self._make_snapshot(self.snapshot.number + 1)
 
     def _make_snapshot(self, number: int) -> Identified:
-        """Snapshot of what the learner and the stage's lag know by now."""
+        """Snapshot, with its `number`, of the learner's model, the stage's lags and the count of samples."""
         published = self.learner.publish()
         return Identified(
             published.learned,

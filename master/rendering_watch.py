@@ -61,7 +61,8 @@ class RenderingWatch:
     def _wrong(self, newest: ForceSample, predicted: Estimate, rendered: Rendered) -> bool:
         """True if the prediction is no number, or is further from the measured force than a share of the
         force, half of its band and the motion since allow; or if both forces are clear and none is rendered
-        though the passivity limit did not act. Where the late force is rendered, it is the prediction here.
+        though the passivity limit did not act. Where the zero-order hold is rendered, the measured force
+        counts as the prediction.
         """
         measured_n = newest.force_n
         predicted_n = measured_n if self._feels_zoh else predicted.force_n

@@ -30,7 +30,7 @@ class StopRequest:
         return True
 
     def due(self, now_ns: int, state: SlaveState | None, received_ns: int) -> bool:
-        """True if the stop is to be sent now, which notes the time; False where none is wanted. A `state`
+        """True, noting the time, when a wanted stop is due: every 20 ms for 2 s, then every 250 ms. A `state`
         that was received after the request and acknowledges a stop ends the request.
         """
         if not self.wanted:

@@ -132,8 +132,8 @@ class SlaveAxis:
 
     @property
     def reason(self) -> str:
-        """Reason for the safety state; in READY what keeps the axis from arming, else before the first arming
-        that this declares the instrument out of contact; in IDLE why a session without any heartbeat ended.
+        """Reason for the safety state; in READY what prevents arming, else, before the first arming, a note
+        that it declares the instrument out of contact; in IDLE why a session without any heartbeat ended.
         """
         if self._control is None:
             return "not open"

@@ -72,7 +72,7 @@ class CommandReceiver:
 
     def should_drop_session(self, now_ns: int, at_rest: bool) -> str | None:
         """Reason to release the session: a second writer; or, while the stage is at rest, over 3 s of nothing
-        but late commands, or of no command since the first call. Else None.
+        but late commands, or of no command, counted at first from the first call. Else None.
         """
         if self._received_ns is None:
             self._received_ns = now_ns

@@ -46,8 +46,8 @@ class ClearRequest:
         self._was: list[tuple[SlaveAxis, str]] = []
 
     def begin(self, axes: Sequence[SlaveAxis]) -> bool:
-        """Has the halted axes that the request means clear at their next tick, and stores their reasons;
-        True. False, and nothing is cleared, if the request was cancelled: `end` is not to be called then.
+        """Makes the halted axes that the request names clear at their next tick, and stores their reasons;
+        returns True. False, and nothing is cleared, if the request was cancelled: `end` must not follow.
         """
         if not self.done.set_running_or_notify_cancel():
             return False

@@ -47,12 +47,12 @@ class KnownServo:
         carried_s = min(elapsed_s, self._carried_s)
         self._carried_s -= carried_s
         if carried_s > 0.0:
-            self._go_on(self._feed, carried_s)
+            self._integrate(self._feed, carried_s)
         if elapsed_s > carried_s:
-            self._go_on(0.0, elapsed_s - carried_s)
+            self._integrate(0.0, elapsed_s - carried_s)
         return self._r, self._r
 
-    def _go_on(self, feed: float, duration_s: float) -> None:
+    def _integrate(self, feed: float, duration_s: float) -> None:
         """Integrates the servo model over `duration_s`, in steps of 1 ms at most, within the acceleration
         limit. `feed`: velocity of the setpoint meanwhile, in m/s.
         """

@@ -200,8 +200,9 @@ class PushWatch:
         self._pushed_ns = 0
 
     def fault(self, now_ns: int, stage: StageReading, force_n: float, following: bool) -> str | None:
-        """Fault text when the cell has pulled (force below its tare) for 10 ms while the stage moves in; else
-        None. While not `following` it takes the tare: the present pull, limited to what a zero may be off.
+        """Fault text when the cell has pulled (force below its tare by a share of the limit) for 10 ms while
+        the stage moves in; else None. While not `following` it takes the tare: the present pull, at most that
+        share.
         """
         x_m, v_m_s = stage
         if not following:

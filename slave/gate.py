@@ -84,7 +84,9 @@ class CommandGate:
         return refusal
 
     def _check_age(self, transit_ns: int, clock: OffsetEstimate) -> Refusal | None:
-        """Refusal of a command from the future, or too much slower than the fastest; else None."""
+        """Refusal of a command from the future, or whose round trip exceeds the fastest by over `max_age_ns`;
+        else None.
+        """
         ahead_ns, excess_ns = clock.ahead_ns(transit_ns), clock.excess_ns(transit_ns)
         if ahead_ns > 0:
             return Refusal("future", ahead_ns * 1e-9, 0.0, "s")

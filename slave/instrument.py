@@ -49,8 +49,9 @@ class InstrumentWatch:
     def take(
         self, now_ns: int, stage: StageReading, force_n: float, valid: bool, held: bool
     ) -> list[LimitHit]:
-        """Warnings of one tick, mostly none: a load that the force has come near, a slip or its way. Unless
-        `held` (jaws closed, stage following) and `valid`, none, and it restarts but for what it has learned.
+        """Warnings of one tick, mostly none: a load that the force has come near, a slip that begins, or its
+        length once the force is back. Unless `held` (jaws closed, stage following) and `valid`, none, and it
+        restarts but for what it has learned.
         """
         if not (valid and held):
             self._forces.clear()
@@ -78,8 +79,8 @@ class InstrumentWatch:
         return min(self._near, key=(BUCKLES, LOOSENS).index, default=None)
 
     def _slips(self, now_ns: int, x_m: float, force_n: float) -> bool:
-        """True where a slip begins, or the way of the last one gets known. Updates the usual drop of the
-        force, `since_ns` and `slipped_m`.
+        """True where a slip begins, or the length of the last one becomes known. Updates the usual drop of
+        the force, `since_ns` and `slipped_m`.
         """
         if not self._steady():
             return self._force_is_back(x_m, force_n)

@@ -62,7 +62,9 @@ class SafetyMachine:
         return self.state in FOLLOWING
 
     def fire(self, event: SafetyEventName, reason: str) -> tuple[SafetyState, SafetyState] | None:
-        """Changes the state by the table; (before, after), or None where it stays as it is."""
+        """Changes the state by the table, and takes the reason; returns (before, after), or None where both
+        stay as they are.
+        """
         before = self.state
         after = TABLE.get((before, event), before)
         if after is before:

@@ -189,7 +189,7 @@ class Form(Candidate):
         return (self.site or self.kind.site) == "wall"
 
     def columns(self, motion: MotionGrid, shape: Shape) -> list[Array]:
-        """Returns the columns of the cause in a regression at a shape, each over the motion, of shape (n,).
+        """Returns the cause's columns in a regression, (n,) each; `shape`: its searched parameters.
 
         The `elements` get equal parts of the shape. Each has the columns of its coefficients (its regressors,
         or their mixture by `mix`), then those of `beside`.

@@ -32,11 +32,11 @@ def _wraps_of_depths(extent: Extent) -> list[Shape]:
     return [(wrap_rad / reach_m, zero_n) for wrap_rad, zero_n in _wraps_and_zeros(extent)]
 
 
-def _by_the_tip(form: str, wrap: str, grid: Grid) -> Modulation:
-    """Returns a form of the capstan that takes the reading less `zero_n` for the sign of the tip's force.
+def _form_with_zero(form: str, wrap: str, grid: Grid) -> Modulation:
+    """Returns a form of the capstan that searches the parameter `wrap` and `zero_n`, the reading in N at
+    which the tip bears nothing: the sign of the tip's force is that of the reading less `zero_n`.
 
-    `wrap`: the parameter that is searched together with `zero_n`. Its coefficient is a preload: a model.yaml
-    gets an entry of the capstan and a `bias` at the site `wall`.
+    Its coefficient is a preload: a model.yaml gets an entry of the capstan and a `bias` at the site `wall`.
     """
 
     def named(fitted: Fitted) -> Values:
@@ -83,8 +83,8 @@ class Capstan(FactorEffect):
             shapes=("wrap_rad",), sizes=("wrap_rad",), picture="direction",
             grid=lambda extent: log_grid(_LEAST, _MOST, 9),
         ),
-        _by_the_tip("tip", "wrap_rad", _wraps_and_zeros),
-        _by_the_tip("depth", "wrap_rad_m", _wraps_of_depths),
+        _form_with_zero("tip", "wrap_rad", _wraps_and_zeros),
+        _form_with_zero("depth", "wrap_rad_m", _wraps_of_depths),
     )  # fmt: skip
 
     def factor(self, m: Kinematics, force_n: Value) -> Value:

@@ -59,7 +59,9 @@ class OfColumn(Form):
 
 
 def _forms(slot: int) -> tuple[OfColumn, ...]:
-    """Forms in which a diagnosis fits the column of a slot."""
+    """Forms in which a diagnosis fits the column of a slot: linear, a sine of an angle or of an arc of
+    searched radius, friction with a searched breakaway, and this with a linear part.
+    """
     number, share, rub = slot + 1, (0, 0, 1, 0), (0, 0, 0, 1)
     form = partial(OfColumn, slot=slot, least_score=20.0)
     turned = partial(
@@ -112,7 +114,9 @@ class WithColumn(ForceEffect):
     candidates = tuple(form for slot in range(_SLOTS) for form in _forms(slot))
 
     def regressors(self, m: Kinematics) -> tuple[Value, ...]:
-        """sin(c / r), cos(c / r), c, s: see the class; zeros without the column."""
+        """Returns sin(c / r), cos(c / r), c and the friction's state s, -1 to 1, which it advances. c is the
+        value of `column`; without that column all are 0.
+        """
         c = m.further.get(self.column)
         if c is None:
             return 0.0, 0.0, 0.0, 0.0

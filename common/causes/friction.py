@@ -236,8 +236,8 @@ def _parts(fitted: Fitted) -> Values:
     }  # fmt: skip
 
 
-def _each_part(fitted: Fitted) -> list[Entry]:
-    """Entries of a model.yaml, one for each of two frictions."""
+def _friction_entries(fitted: Fitted) -> list[Entry]:
+    """Returns two `position_dependent_friction` entries of a model.yaml, one for each friction fitted."""
     growths, forces_n = np.reshape(fitted.coefficients, (2, 2)).T.tolist()
     names = "force_per_length_n_m", "force_n", "breakaway_m"
     return [
@@ -283,7 +283,7 @@ class PositionDependentFriction(_AlongDirection):
         Form(
             form="two", plainer="level", elements=2, mix=((1, 0), (0, 1)), signs=(1, 1, 1, 1),
             values=lambda shape: {"breakaway_m": shape[0]}, grid=lambda extent: two(_build_ups(extent, 5)),
-            naming=_parts, sizes=("force_per_length_n_m",), making=_each_part,
+            naming=_parts, sizes=("force_per_length_n_m",), making=_friction_entries,
         ),
     )  # fmt: skip
 

@@ -41,7 +41,7 @@ _LEAST_SPRING = 0.2  # of the force's range: chosen
 _ONE_SIDE_N = 1e4  # by which the other side's holding force is higher
 
 
-def _straight(m: MotionGrid, free: NDArray[np.bool_], apart: bool) -> tuple[Array, Array, float]:
+def _fit_straight(m: MotionGrid, free: NDArray[np.bool_], apart: bool) -> tuple[Array, Array, float]:
     """Fits damper, spring and mass where the wire is `free`. Returns along the whole motion the force in N at
     the jaws without the mass's, and the mass's; and the stiffness in N/m. `apart`: each free stretch has a
     level of its own, as after a slip, the force that of the first.
@@ -100,7 +100,7 @@ class Slipping(Preloaded, Transmission):
         free = side * motion.force < _NEARLY * abs(level_n)
         if not free.any():
             return motion
-        force_n, _, stiffness = _straight(motion, free, apart=True)
+        force_n, _, stiffness = _fit_straight(motion, free, apart=True)
         if stiffness * np.ptp(motion.x) < _LEAST_SPRING * np.ptp(motion.force):
             return motion  # without a spring no force is lost by a slip: it then is a damper on one side
         effect = self.kind(**within(self.kind, {**self.values_at(shape), "holding_n": _ONE_SIDE_N}))
@@ -129,7 +129,11 @@ class Slip(Memory):
     def step(
         self, force_n: float, spring_n_m: float, holding_n: float, jump_m: float, reach_m: float, per_n: float
     ) -> tuple[float, float]:
-        """Advances by a step; returns the way slipped so far, and that of this step, in m."""
+        """Advances by a step; returns the way slipped so far, this step's included, and this step's, in m.
+
+        A slip begins where |force_n - spring_n_m * way| is above `holding_n`: a jump of `jump_m` or, if that
+        is 0, `per_n` for each N above. No step goes beyond `reach_m`: what is left of a jump follows.
+        """
         slipped_m, left_m = self.value
         felt_n = force_n - spring_n_m * slipped_m
         over_n = abs(felt_n) - holding_n
@@ -207,27 +211,30 @@ class Bowed(Preloaded, Modulation):
         return {"euler_n_m2": shape[0] * shape[1] ** 2, "free_length_m": shape[1]}
 
     def factor(self, motion: MotionGrid, shape: Shape) -> Array:
-        return _borne(self, motion, shape)
+        return _share_borne(self, motion, shape)
 
 
 @lru_cache(4)  # for each cause of a model anew
-def _borne(form: Bowed, motion: MotionGrid, shape: Shape) -> Array:
-    """Share that a wire bears of the force that it would bear straight, which is fitted where it is free."""
+def _share_borne(form: Bowed, motion: MotionGrid, shape: Shape) -> Array:
+    """Factor, of shape (n,), from the force that a straight wire would bear to that of the bowed one. The
+    force of the straight wire is fitted in rounds, to the samples where it is below the limit.
+    """
     effect, zero_n = form.effect(shape), shape[-1] if form.by_tip else 0.0
     tip_n = motion.force - zero_n
     limit_n = force_n = effect.limit_n(motion)
     free = tip_n < _NEARLY * limit_n
     for _ in range(_ROUNDS):
         if np.count_nonzero(free) > _LEAST_ROWS:
-            level_n, mass_n, _ = _straight(motion, free, apart=False)
+            level_n, mass_n, _ = _fit_straight(motion, free, apart=False)
             force_n = level_n - zero_n
             free = (force_n < _NEARLY * limit_n) & (tip_n - mass_n < limit_n)
     return np.asarray(effect.factor(motion, force_n))
 
 
-def _loads(extent: Extent, shares: Sequence[float] = ()) -> list[Shape]:
-    """Shapes of a plateau that are tried: load at position 0 and free length, so that it is highest at the
-    farthest position; with `shares`, also a zero at each of these shares of the force's range.
+def _plateau_shapes(extent: Extent, shares: Sequence[float] = ()) -> list[Shape]:
+    """Shapes of a plateau that are tried: load in N at position 0, free length in m and, with `shares`, a
+    zero in N at each of these shares of the force's range. The load is such that the limit at the farthest
+    position is a part (`_LIMITS`) of the highest force, less the zero.
     """
     low_n, high_n, high_m = extent.low_n, extent.high_n, extent.high_m
     lengths = [high_m + share * extent.range_m for share in _FREE if high_m + share * extent.range_m > 0.0]
@@ -256,10 +263,10 @@ class Buckling(FactorEffect):
     words = "a wire that bows out between gripper and sheath"
     remedy = "shorten the free length, or lead the wire in a tube up to the sheath"
     candidates: ClassVar[Sequence[Candidate]] = (
-        Bowed(shapes=("load_n", "free_length_m"), grid=_loads),
+        Bowed(shapes=("load_n", "free_length_m"), grid=_plateau_shapes),
         Bowed(
             form="offset", shapes=("load_n", "free_length_m", "zero_n"), by_tip=True,
-            grid=lambda extent: _loads(extent, _ZEROS),
+            grid=lambda extent: _plateau_shapes(extent, _ZEROS),
         ),
     )  # fmt: skip
     equation = ("at most {euler_n_m2} / ({free_length_m} - x)^2",)

@@ -369,7 +369,9 @@ class Gap(Memory):
     start = None
 
     def step(self, x: float, half: float, rest: float, decay: float) -> tuple[float, float]:
-        """Advances y by a step; returns y, and 1 where it is carried, else 0."""
+        """Advances y by a step; returns y, and 1 where x carries it at a distance of `half`, else 0. In
+        between y goes by the factor `decay` towards `rest`, or stays if `rest` is NaN.
+        """
         stays, low, high = math.isnan(rest), x - half, x + half
         if self.value is None:
             self.value = x if stays else min(max(rest, low), high)

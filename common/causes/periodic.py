@@ -152,8 +152,8 @@ def step_s(rate_hz: float) -> float:
 
 
 def turns(t: Array, rates_hz: Shape) -> Array:
-    """Turns of a rhythm at t, 0 at the middle value of its course: rates at 0, `step_s`, 2 `step_s`, ... in
-    s, straight between them and constant beyond.
+    """Cycles of a rhythm until each time t in s, counted from the time of its middle rate. Its rates are
+    those at 0, `step_s`, 2 `step_s`, ... s, linear in between and constant beyond.
     """
     rates, each_s = np.array(rates_hz), step_s(float(np.mean(rates_hz)))
     done = np.cumsum([0.0, *(0.5 * each_s * (rates[1:] + rates[:-1]))])
@@ -196,7 +196,9 @@ class Rhythm(Form):
         return np.asarray(by_turn * (np.array(moved) - now) / step)
 
     def named(self, fitted: Fitted) -> Values:
-        """Parameters by name: mean frequency, largest harmonic, variation of the rate, zero of the depth."""
+        """Parameters by name: mean frequency, size of the largest harmonic, variation of the rate (only of a
+        course of several), zero of the depth (only with two factors).
+        """
         *level, wave = np.reshape(fitted.coefficients, (-1, 6))
         values = {"frequency_hz": float(np.mean(fitted.shape))}
         values[self.needed[0]] = float(np.max(np.hypot(wave[:3], wave[3:])))
@@ -207,7 +209,9 @@ class Rhythm(Form):
         return values
 
     def entries(self, fitted: Fitted) -> list[Entry]:
-        """Entry of a model.yaml: a `varying_pulsation` that swings as the strongest line of the course."""
+        """Returns one entry of a model.yaml: a `varying_pulsation` with the fitted wave, whose rate swings
+        about the mean as the strongest Fourier line of the fitted course does.
+        """
         shape, start_s, count = fitted.shape, fitted.start_s, len(fitted.shape)
         t = step_s(float(np.mean(shape))) * np.arange(count, dtype=np.float64)
         hz, offset = np.polyfit(t, turns(t, shape), 1) if count > 1 else (shape[0], 0.0)
@@ -230,7 +234,9 @@ def _lives(_: MotionGrid, rates: Shape) -> bool:
 
 
 def _rhythm(form: str, size: str, *factors: Callable[[MotionGrid], Array]) -> Rhythm:
-    """Form of a rhythm times each of the factors, the last of which has the parameter `size`."""
+    """Form of a rhythm times each of the factors, the last of which has the parameter `size`. It is `living`
+    with an empty `form`, else `costly`.
+    """
     return Rhythm(
         form=form, factors=lambda m: [factor(m) for factor in factors], living=not form, sizes=(size,),
         signs=(0,) * 6 * len(factors), logarithmic=False, grid=lambda _: [(1.2,)], costly=bool(form),

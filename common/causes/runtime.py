@@ -198,7 +198,7 @@ class ContactRuntime:
         return phi
 
     def _at_once(self, stage: Motion) -> Array:
-        """Columns of all forces over a whole motion, where no effect is `by_force`."""
+        """Columns of `linear_names` over a whole motion, shape (n, names); no effect may be `by_force`."""
         m = stage
         for moved in self._moved:
             m = moved(m)

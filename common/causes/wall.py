@@ -288,7 +288,9 @@ class ContactLoss(ContactEffect):
         self._position_m, self._release_s = self.values["contact_position_m"], self.values["release_s"]
 
     def contact(self, m: Kinematics) -> tuple[Value, Value]:
-        """(depth in m, at most 0 while the wall does not push; 1 while it pushes, else 0)."""
+        """Returns (depth d in m, 1 while the wall pushes, else 0). It pushes while d and d + release_s x' are
+        above 0; while not, the depth returned is 0 or less.
+        """
         depth = m.x - self._position_m
         touching = m.above(depth)
         if self._release_s == 0.0:
@@ -355,8 +357,10 @@ def _let_goes(extent: Extent) -> list[Shape]:
     return [(low + p * wide, low + share * p * wide) for p in places for share in (0.1, 0.3, 0.6)]
 
 
-def _let_go(fitted: Fitted) -> Values:
-    """Parameters of a prolapse from the share lost, and where the wire folds and stands again."""
+def _prolapse(fitted: Fitted) -> Values:
+    """Parameters of a prolapse by name: stiffness, forces in N at which the wire folds and stands again, the
+    share of the stiffness kept, and the rest position in m (infinite where no stiffness is lost).
+    """
     (lost, level_n), (high_m, low_m), k = fitted.coefficients, fitted.shape, float(fitted.base[2])
     rest_m, share = low_m - level_n / lost if lost else np.inf, lost / k if k else np.inf
     return {
@@ -405,7 +409,7 @@ class Prolapse(ForceEffect):
                 "rest_position_m": s[1],
             },
             beside=lambda motion, shape, _: [-_state(motion, shape)], signs=(1, 0),
-            grid=_let_goes, logarithmic=False, naming=_let_go, sizes=(), least_score=40.0, least_ratio=2.0,
+            grid=_let_goes, logarithmic=False, naming=_prolapse, sizes=(), least_score=40.0, least_ratio=2.0,
             happens=_lets_go_again, costly=True,
         ),
     )  # fmt: skip

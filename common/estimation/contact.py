@@ -91,7 +91,7 @@ class ContactFit:
 
         Ignores one that is out of order, under about 4 ms after the last, not finite, out of bounds or at the
         end of the sensor's range. Extends the range of motion and the time in contact. Before any motion,
-        drops all samples every 0.75 s.
+        drops all samples every 0.75 s. A full buffer drops its older half.
         """
         dt = t_s - self._newest_s if self._n else inf
         if dt < 0.9 * _STEP_S or not isfinite(t_s) or self._sensor.at_limit(force_n):
@@ -190,7 +190,9 @@ class ContactExpert:
         self._sense_steps: Sense = self._sensor.chain()
 
     def use(self, contact: Contact) -> None:
-        """Switches to a contact; the states of friction and relaxation stay if it has the same effects."""
+        """Switches to a contact; the states of friction and relaxation stay if it has the same effects. The
+        next `move` adds the step in force that this makes to `steps_n`.
+        """
         effects = [(entry.effect, entry.site) for entry in contact.model.effects]
         if self._runtime is None or effects != self._effects:
             self._runtime, self._sensor = contact.model.runtime(), SensorModel(contact.model)
@@ -204,7 +206,10 @@ class ContactExpert:
     def move(
         self, t_s: float, x_m: float, v_m_s: float, a_m_s2: float, dt_s: float, further: Columns = NO_COLUMNS
     ) -> float:
-        """Advances the contact by `dt_s` and returns its force in N; NaN before `use`."""
+        """Advances the contact by `dt_s` and returns its reading in N, with its sensor's lags, delays and
+        range: from the force by place if that is in use, else from the causes. NaN before `use`. Sets
+        `steps_n`.
+        """
         if self._runtime is None:
             return nan
         self._runtime.follow(further)

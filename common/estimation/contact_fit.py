@@ -200,8 +200,9 @@ class Fitting:
         return [(motion.force - force_n)[recent] for force_n in foretold]
 
     def _with_path(self, contact: Contact, residuals_n: Sequence[Array]) -> Contact:
-        """Copy of the contact with a force by place fitted to its samples, its lead over the causes by the
-        residuals `residuals_n` of both, and by that which of the two is in use.
+        """Copy of the contact with a force by place, `path`, fitted to its samples. `lead` is by how much the
+        former one has had smaller residuals than the causes, 0 unless `residuals_n` has both. `by_place` is
+        True if that suffices to use it.
         """
         samples = self.samples[:, self.samples[0] >= contact.since_s]
         weights = np.minimum(np.diff(samples[0], prepend=samples[0, 0]) / _INDEPENDENT_S, 1.0)
@@ -340,7 +341,9 @@ class _Solver:
         return point
 
     def normal_equations(self, point: _Point) -> tuple[Array, Array]:
-        """Normal equations of a point, by differences to slightly shifted shapes. Calls `_pause`."""
+        """Returns A'A / sigma^2 and A'e / sigma^2 at a point, without the prior: A the derivatives of the
+        prediction by (theta, shape), the latter by differences, e the residuals. Calls `_pause`.
+        """
         tangents = []
         for i, difference in enumerate(self._differences):
             shape = point.shape.copy()

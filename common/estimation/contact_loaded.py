@@ -43,8 +43,8 @@ def loaded_causes(model: ContactModel) -> LoadedCauses:
     """Splits a model into `further` effects and `means`; leaves out what holds for its own run only.
 
     Means: of the first effect of each kind in `BASE` at its own site, and of the first wave in the range of
-    heart and of breath. Other waves are further, as sines and cosines without size; all else is further with
-    its linear parameters as means, but for a size that is found anew.
+    heart and of breath. Other waves are further, as sines and cosines without size; all else is further, the
+    linear parameters of its forces are means. A kind that is `sized_anew` gives no means.
     """
     further: list[EffectEntry] = []
     means: dict[str, float] = {}
@@ -65,7 +65,7 @@ def loaded_causes(model: ContactModel) -> LoadedCauses:
                 further += _sines(Pulsation.name if issubclass(kind, Pulsation) else name, entry, values)
         elif kind in BASE and kind not in shared and not elsewhere:
             shared.add(kind)
-            means |= {} if kind.sized_anew else _of_shared(kind, values)
+            means |= {} if kind.sized_anew else _base_means(kind, values)
         else:
             count[name] += 1
             label = name if count[name] == 1 else f"{name}-{count[name]}"
@@ -75,10 +75,10 @@ def loaded_causes(model: ContactModel) -> LoadedCauses:
     return LoadedCauses(tuple(further), means)
 
 
-def _of_shared(kind: type[Effect], values: Mapping[str, float]) -> dict[str, float]:
+def _base_means(kind: type[Effect], values: Mapping[str, float]) -> dict[str, float]:
     """Returns the means, by `cause.parameter`, of an effect in `BASE`: linear parameters and one of shape.
-    Leaves out a linear parameter of 0, unless it may be negative. That of shape is the presliding length, the
-    place of the contact or the time constant; other kinds have none.
+    Leaves out a linear parameter of 0, unless it may be negative. That of shape is the presliding length,
+    place of the contact, time constant or, unless 0, breakaway; other kinds have none.
     """
     linear = [p for p in kind.parameters if p.linear]
     means = {p.name: values[p.name] for p in linear if values[p.name] or p.lower < 0.0}

@@ -207,7 +207,8 @@ class Causes:
         """Returns the means and deviations of theta, shape and noise that a prior gives; NaN where unknown.
 
         An unknown theta has a mean of 0, and so have the sine and cosine of a wave, whose standard deviation
-        is its size: its phase is not known. Length, time constant and band of the shape become logarithms.
+        is its size: its phase is not known. The presliding length, time constant and breakaway of the shape
+        become logarithms.
         """
         n = len(self.linear)
         theta, theta_sd = np.zeros(n), np.full(n, nan)

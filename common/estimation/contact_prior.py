@@ -57,7 +57,7 @@ class ContactPrior:
             raise ValueError(f"{n} names: expected them to differ, {n} values and {n} x {n} covariances")
         if not all(map(isfinite, (*self.values, *sum(self.covariance, ()), self.contact_s))):
             raise ValueError("expected finite values and covariances")
-        if self.contact_s < 0.0 or not _positive(np.array(self.covariance).reshape(n, n)):
+        if self.contact_s < 0.0 or not _positive_definite(np.array(self.covariance).reshape(n, n)):
             raise ValueError(
                 "expected a symmetric positive definite covariance and a time in contact of 0 or more"
             )
@@ -76,7 +76,7 @@ def exactly(means: Mapping[str, float]) -> ContactPrior:
 def joined(first: ContactPrior, second: ContactPrior) -> ContactPrior:
     """Returns the first prior with those parameters of the second that it lacks, uncorrelated with its own.
 
-    The time in contact is that of the first.
+    The time in contact and the force by place are those of the first.
     """
     more = [i for i, name in enumerate(second.names) if name not in first.names]
     n, covariance = len(first.names), np.zeros((len(first.names) + len(more),) * 2)
@@ -111,7 +111,7 @@ def _rows(matrix: Array) -> tuple[tuple[float, ...], ...]:
     return tuple(map(tuple, matrix.tolist()))
 
 
-def _positive(covariance: Array) -> bool:
+def _positive_definite(covariance: Array) -> bool:
     """True if a covariance is symmetric, and its correlations are positive definite beyond rounding. False if
     a variance is not above 0.
     """

@@ -53,8 +53,8 @@ def analyse(gathered: Array, names: Sequence[str], scales: Sequence[float]) -> t
 
 
 def _free_directions(gathered: Array, excited: list[int], scales: Array) -> list[dict[int, float]]:
-    """Returns the free directions, each {index: component} in units of the parameters, as sparse as can be.
-    Only the parameters in `excited` count. Empty if there is none, or all are determined.
+    """Returns the changes of the parameters in `excited` that the data do not determine: independent, each
+    {index: component} in units of the parameters, as sparse as can be. Empty if all are determined.
     """
     if not excited:
         return []
@@ -69,8 +69,8 @@ def _free_directions(gathered: Array, excited: list[int], scales: Array) -> list
 
 
 def _sparse(basis: Array) -> Array:
-    """Returns a basis of the same row space by Gauss-Jordan with the largest pivot, its largest entries 1. It
-    has zeros where possible; an empty basis gives an empty one.
+    """Returns a basis of the same row space with zeros where possible, by Gauss-Jordan with largest pivots.
+    The largest entry of each row is 1 in size; an empty basis gives an empty one.
     """
     rows = basis.copy()
     for i in range(len(rows)):

@@ -97,7 +97,7 @@ class Learner:
         self._taught = self._fit.contact
 
     def _begin_anew(self) -> None:
-        """Discards all that was learned, but keeps prior and model; counts a renewal."""
+        """Discards all that was learned and a fit under way; keeps prior and model. Counts a renewal."""
         self._knowledge = Record(Knowledge)
         values = self._knowledge.values
         values["octave"] = NO_OCTAVE
@@ -160,9 +160,10 @@ class Learner:
         return n
 
     def _fit_contact(self, stamp_s: float, place: int, force_n: float, error_m: float) -> None:
-        """Adds a sample to the fit of the contact, applies a finished fit, and starts one that is due. If the
-        contact is lost, instead adds to `lost_n` and discards prior, model and all that was learned. `place`:
-        of the sample in the ring; `error_m` is added to the expected position.
+        """Adds a sample to the fit of the contact, applies a fit that is to take effect by now (sets
+        `fit_late` if it is not done), and starts one that is due. If the contact is lost, instead adds to
+        `lost_n` and discards prior, model and all that was learned. `place`: of the sample in the ring.
+        `error_m` is added to the expected position.
         """
         x_m, v_m_s, a_m_s2 = self._stage[place].tolist()
         x_m += error_m

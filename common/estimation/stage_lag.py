@@ -63,8 +63,8 @@ class StageLag:
         self._since_restart_s = 0.0
 
     def command(self, stamp_ns: int, position_m: float, lags: tuple[float, float] | None = None) -> float:
-        """Records a command for `observe`; returns the stage position in m that the lags let expect for it:
-        those given, or the newest.
+        """Records a command for `observe`; returns the position in m at which the stage is expected, by
+        `lags` or else the newest ones learned.
 
         One that is not finite, or no later than the last, is not recorded and gives `position_m`. A pause of
         0.1 s restarts the filter.

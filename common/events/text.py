@@ -62,7 +62,9 @@ PREFIXES = {-3: "n", -2: "µ", -1: "m", 0: ""}
 
 
 def event_text(message: Message) -> str:
-    """The event in one line; empty for any other message, and for the handshake of a master."""
+    """Line on a safety, master or limit event, an emergency stop or the answer of a slave to a handshake;
+    empty for any other message.
+    """
     match message:
         case SafetyEvent() | MasterEvent():
             return f"{message.before} -> {message.after}, {message.event}: {message.reason}"

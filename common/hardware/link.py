@@ -59,7 +59,7 @@ class DeviceLink:
         return self._inhibited
 
     def advance(self, to: LinkState) -> None:
-        """Sets the state to `to`, the next step of the handshake, but not to READY while inhibited.
+        """Sets the state to `to`, the next step of the handshake; READY has no effect while inhibited.
 
         Raises:
             ValueError: `to` is not the next step.

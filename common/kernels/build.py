@@ -58,7 +58,8 @@ def compiler() -> list[str]:
 
 
 def build(target: Path) -> str:
-    """Compiles to `target` and returns the compiler's command. CFLAGS of the environment come last.
+    """Compiles kernels.c to the library `target`, which it replaces only by a whole one, and returns the
+    compiler's command without flags. CFLAGS of the environment come last.
 
     Raises:
         BuildError: no compiler, or it failed and has written why to stderr.

@@ -16,7 +16,7 @@ _WIDTH = 110
 
 
 def header() -> str:
-    """Text of state.h."""
+    """Text of state.h: C constants and structs, from the Python of ../estimation, and the structs' sizes."""
     structs = _structs()
     sizes = [f'{{"{name}", sizeof({name})}}' for name in structs]
     return "\n".join(
@@ -94,7 +94,7 @@ def _structs() -> dict[str, str]:
 
 
 def _wrapped(start: str, items: list[str], end: str) -> Iterator[str]:
-    """Lines of at most `_WIDTH` characters."""
+    """Yields `start`, the items between commas, and `end` in lines of at most `_WIDTH` characters."""
     line = start
     for n, item in enumerate(items):
         text = item + (", " if n < len(items) - 1 else end)

@@ -34,7 +34,7 @@ _ENTRIES: Mapping[str, tuple[Any, ...]] = {
 
 @cache
 def kernels() -> ctypes.PyDLL:
-    """The library with its entries declared.
+    """Loads the compiled library and declares the types of its functions.
 
     Raises:
         InputError: it is not built, not of the sources beside it, or not of this machine.

@@ -57,7 +57,7 @@ class ArrayTable:
 
 @contextmanager
 def reading(path: Path, what: str, package: str) -> Iterator[None]:
-    """Context that makes any exception of a library a RecordingError and ignores warnings. The text says
+    """Context that turns any other exception into a RecordingError and ignores warnings. Its text says that
     `what` was expected, or for an ImportError to install `package`.
     """
     try:
@@ -73,8 +73,9 @@ def reading(path: Path, what: str, package: str) -> Iterator[None]:
 
 
 def table_of(source: Any, *beside: Any) -> ArrayTable:  # noqa: ANN401 - see `load`
-    """Table of the columns of `source`, those of numbers and dates; others are left out. Arrays without names
-    are time, position and, if there, force. Raises RecordingError for what is none of those of `load`.
+    """Table of the numeric, boolean and date columns of a data frame, mapping or structured array; others are
+    left out. Without names: of the arrays `source` and `beside`, or the columns of one matrix, taken as
+    time, position and, if there, force. Raises RecordingError for any other input.
     """
     names = next((names for of in _NAMES if (names := of(source)) is not None), None)
     if names is not None and not beside:
@@ -97,7 +98,9 @@ _NAMES: tuple[Callable[[Any], Iterable[Any] | None], ...] = (
 
 
 def _without_names(source: Any, *beside: Any) -> dict[str, Any]:  # noqa: ANN401 - see `load`
-    """Time, position and, if there, force by name. Raises RecordingError unless two or three of one shape."""
+    """Two or three equally long arrays, or the columns of a matrix, by the names `time_s`, `position_m` and
+    `force_N`, in this order. Raises RecordingError for other shapes.
+    """
     try:
         columns = np.stack([source, *beside]) if beside else np.asarray(source, np.float64).T
         if columns.ndim == 2 and 2 <= len(columns) <= len(_SI):
@@ -133,8 +136,8 @@ def spreadsheet(path: Path) -> TextTable:
 
 
 def _as_text(path: Path) -> tuple[bytes, list[str]]:
-    """The first sheet with `_LEAST_ROWS` rows of numbers, as text with tabs, and a note on it where there are
-    several; else the first that is not empty. Raises RecordingError: no cells, unreadable, too large.
+    """The first sheet in which 20 rows hold two numbers or more, as text with tabs, and a note on it where
+    there are several; else the first with cells. Raises RecordingError: no cells, unreadable, too large.
     """
     with reading(path, "a spreadsheet", "openpyxl"), opened(path) as file:
         import openpyxl  # noqa: PLC0415 - an extra
@@ -233,8 +236,8 @@ def _elements(path: Path, whole: Any, field: Any) -> int:  # noqa: ANN401 - of p
 
 
 def _require_column(path: Path, metadata: Any, name: str) -> None:  # noqa: ANN401 - of pyarrow
-    """Raises RecordingError for a Parquet column that unpacks to too much, by 8 bytes a value at least: a
-    zero that is stored once may stand for many. `metadata`: of the whole file; columns below `name` count.
+    """Raises RecordingError for a Parquet column that unpacks to more than `room_of` allows, at 8 bytes a
+    value at least: one stored zero may stand for many. `metadata`: of the file; columns below `name` count.
     """
     groups = (metadata.row_group(i) for i in range(metadata.num_row_groups))
     chunks = (group.column(i) for group in groups for i in range(group.num_columns))
@@ -278,8 +281,8 @@ def _parquet_column(files: Sequence[Path], name: str, element: int | None = None
 
 
 def numpy_archive(path: Path) -> ArrayTable:
-    """Table of those numeric arrays of an .npz that have the most common number of rows; arrays of Python
-    objects, which could run code, are left out. Raises RecordingError: unreadable, too large, or no table.
+    """Table of those numeric and date arrays of an .npz that have the most common number of rows; arrays of
+    Python objects (they could run code) are left out. Raises RecordingError: unreadable, too large, no table.
     """
     arrays: dict[str, Any] = {}
     with opened(path) as file, reading(path, "a file of numpy.savez", ""):
@@ -317,7 +320,7 @@ def matlab(path: Path) -> ArrayTable:
 def _require_matlab_room(path: Path, file: BinaryIO) -> None:
     """Raises RecordingError where the variables of level 5, with what cells and structures hold, would take
     too much memory. Reads the open file to its end, from element to element (MAT-File Format, MathWorks,
-    chapter 1), whatever length a matrix states, as scipy does.
+    chapter 1), whatever length a matrix states, as scipy does. A file of level 4 passes without a check.
     """
     head, size = file.read(128), 0
     if 0 in head[:4]:  # of level 4, which packs nothing
@@ -387,8 +390,8 @@ def hdf5(path: Path) -> ArrayTable:
 
 
 def _require_chunks(path: Path, values: Any) -> None:  # noqa: ANN401 - of h5py
-    """Raises RecordingError for a data set of h5py with chunks that unpack beyond the room, whatever its own
-    size says. Unpacks those chunks of gzip that might be so large.
+    """Raises RecordingError for a data set of h5py with a chunk that unpacks to more than `room_of` allows,
+    whatever the size that it states. Unpacks those chunks of gzip that might be so large.
     """
     require_room(path, values.dtype.itemsize * prod(values.chunks or (0,)))
 
@@ -419,8 +422,8 @@ def _flat(variables: Mapping[str, Any], notes: list[str], head: str = "") -> dic
 
 def _table(path: Path, arrays: Mapping[str, Any], units: Mapping[str, str] | None = None) -> ArrayTable:
     """Table of those arrays or data sets that have the most common length (of equally common ones the
-    longest), read when asked for. A matrix gives columns `name[i]` along its longer side; other shapes are
-    left out. Raises RecordingError where there are none.
+    longest), read when asked for. A matrix, at most 64 wide, gives columns `name[i]` along its longer side;
+    other shapes are left out. Raises RecordingError where there are none.
     """
     columns: dict[str, tuple[int, Callable[[], Array]]] = {}
     for name, values in arrays.items():
@@ -439,7 +442,7 @@ def _table(path: Path, arrays: Mapping[str, Any], units: Mapping[str, str] | Non
 
 
 def _column(path: Path, values: Any, row: int | None = None) -> Array:  # noqa: ANN401 - an array or a data set
-    """Reads an array, or of a matrix line number `row` along its longer side, as float64; dates in s since
+    """Reads an array, or line `row` of a matrix, along its longer side, as float64; dates in s since
     1970. Raises RecordingError: too large, or unreadable.
     """
     require_room(path, 8 * values.size)
@@ -455,7 +458,8 @@ def _column(path: Path, values: Any, row: int | None = None) -> Array:  # noqa: 
 
 def tdms(path: Path) -> ArrayTable:
     """Table of those channels of a LabVIEW file, numbers or dates, that have the most common number of
-    samples, with the file's units; and `time_s` from 0, if the first of these is a waveform.
+    samples, with the file's units, named `group/channel` where groups share a name; and `time_s` from 0, if
+    the first of these is a waveform.
 
     Raises:
         RecordingError: not installed, unreadable, damaged, or no table in it.

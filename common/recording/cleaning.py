@@ -41,7 +41,7 @@ def clean(time_s: Array, values: Array, names: Sequence[str]) -> tuple[Array, Ar
     rows.keep(np.append(True, ~same)[: len(rows.time_s)], "as duplicates")
     rows.order()
     rows.spread()
-    rows.release()
+    rows.blank_repeats()
     rows.merge()
     rows.keep(rows.complete)
     return rows.time_s, rows.values, rows.notes
@@ -72,9 +72,9 @@ class _Rows:
             self.time_s, self.values = self.time_s[which], self.values[:, which]
 
     def merge(self) -> None:
-        """Keeps only the rows of the last needed column and interpolates other columns to them: the position
-        by a cubic spline, which its mass makes smooth, any other by lines. Does nothing where the needed
-        columns stand in the same rows, or the time goes back.
+        """Keeps only the rows of the last needed column and interpolates columns that lack at least 10 % of
+        them: the position by a cubic spline (a mass moves smoothly), any other linearly. Does nothing where
+        the needed columns stand in the same rows, or the time goes back.
 
         A force is not interpolated: between 50 readings a second dry friction came out 11 % too small.
         """
@@ -118,8 +118,8 @@ class _Rows:
             )
 
     def spread(self) -> None:
-        """Spreads stamps that several rows share (rounded, or of a packet of samples) evenly to the next one,
-        over a gap as far as usual. Does nothing with fewer than three different stamps.
+        """Spreads stamps that several rows share (rounded, or of a packet of samples) evenly up to the next
+        one, over at most 1.5 usual steps. Does nothing with fewer than three different stamps.
         """
         first = np.flatnonzero(np.append(True, np.diff(self.time_s) > 0.0))
         if not 3 <= len(first) < len(self.time_s):
@@ -137,12 +137,12 @@ class _Rows:
         )
         self.notes.append(f"{cause}: {len(within) - len(first):,} duplicate stamps spread evenly")
 
-    def release(self) -> None:
-        """Sets to NaN what a held column repeats, and notes its rate. Its `taken_s` are the times of the
-        rows, but for new values the times at which they were taken.
+    def blank_repeats(self) -> None:
+        """Sets to NaN the repeated values of each needed column that is held over several rows, and notes its
+        rate. Its `taken_s` are the times of the rows, but for new values the times at which they were taken.
         """
         for i, name in enumerate(self.names):
-            new, stamps_s = _new(self.time_s, self.values[i])
+            new, stamps_s = _new_values(self.time_s, self.values[i])
             if len(new):
                 rates = f"at {_hz(stamps_s)} in rows of {_hz(self.time_s)}"
                 self.notes.append(f"{name} is held: it changes {rates}")
@@ -151,10 +151,10 @@ class _Rows:
                 self.taken_s[i][new] = stamps_s
 
 
-def _new(time_s: Array, column: Array) -> tuple[NDArray[np.int64], Array]:
+def _new_values(time_s: Array, column: Array) -> tuple[NDArray[np.int64], Array]:
     """Rows in which a column that is held for several rows has a new value, at rest by the same rhythm; and
-    the evenly spaced stamps at which these were taken. Both empty where no rhythm explains every row: a
-    coarse encoder has none, or makes single steps.
+    the evenly spaced stamps at which these were taken. Where no rhythm in time explains every row, those of
+    `_new_by_rows`. Both empty for few changes, or for the single steps of a coarse encoder.
     """
     none, steps = (np.empty(0, np.int64), np.empty(0)), np.diff(column)
     changed = np.flatnonzero(steps) + 1
@@ -216,7 +216,7 @@ def _hz(time_s: Array) -> str:
 
 def unwrapped(stamps: Array, to_s: float) -> tuple[Array, list[str]]:
     """Stamps of a counter of 16 or 32 bit, or of 32 bit in us, continued over its wraps, and a note on these;
-    other stamps unchanged, without a note. `to_s`: their unit in s.
+    other stamps, or any step back that is no wrap: unchanged, without a note. `to_s`: their unit in s.
     """
     steps = np.diff(stamps)
     back, usual = np.flatnonzero(steps < 0.0), float(np.nanmedian(np.abs(steps))) if len(steps) else 0.0
@@ -244,7 +244,7 @@ def without_full_scale(values: Array, name: str) -> tuple[Array, list[str]]:
     return values, notes
 
 
-def of_one_zero(time_s: Array, position: Array, force: Array, unit: str) -> tuple[Array, list[str]]:
+def without_tares(time_s: Array, position: Array, force: Array, unit: str) -> tuple[Array, list[str]]:
     """Takes out of a force the steps with which its zero was set anew, and returns notes on them; else the
     force unchanged and no notes. A step goes from one row to the next, is one of up to three far larger than
     all others, stays, and is not explained as well by a stiffness that changes there.

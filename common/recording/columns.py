@@ -160,7 +160,8 @@ def words_of(name: str) -> set[str]:
 
 def split_unit(name: str, quantity: Quantity) -> tuple[str, str | None]:
     """Name without its unit, and the unit, if it is one of the quantity: (Force, mN) of `Force (mN)`,
-    `Force_mN` and `Force / mN`; else the whole name and None.
+    `Force_mN` and `Force / mN`; else the whole name and None. A time named by its unit alone, `millis`,
+    keeps the whole name.
     """
     plain = _NUMBERED.sub("", name)
     for match in _BRACKETED.finditer(plain):
@@ -175,7 +176,9 @@ def split_unit(name: str, quantity: Quantity) -> tuple[str, str | None]:
 
 
 def _parts(name: str) -> list[str]:
-    """Parts of a name that may be a unit."""
+    """Parts of a name that may be a unit: all texts in brackets, and the last word, which is left out if it
+    is a single character other than V, % and Ω.
+    """
     plain = _NUMBERED.sub("", name)
     suffix = _SUFFIXED.fullmatch(plain)
     return [

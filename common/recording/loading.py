@@ -9,7 +9,7 @@ import numpy as np
 
 from forefeel.common.errors import ConfigurationError, RecordingError, UnclearError, UntimedError
 from forefeel.common.recording import array_tables
-from forefeel.common.recording.cleaning import COMMON, clean, of_one_zero, unwrapped, without_full_scale
+from forefeel.common.recording.cleaning import COMMON, clean, unwrapped, without_full_scale, without_tares
 from forefeel.common.recording.columns import Choice, candidates, further
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.recording.proposals import ReadOnce, Table, different, doubt_about, propose
@@ -77,8 +77,9 @@ def load_recording(
 
     Columns and units that `mapping` does not give are chosen by their names. Rows that can not be used are
     dropped. `Recording.taken` tells both. `axis` chooses one of an MCAP file of ours; it may be left out when
-    there is only one. `force`: True: it is needed; None: taken where it is there; False: not looked for.
-    `check` raises a RecordingError for a recording of no use: an UnclearError offers only what passes it.
+    there is only one; such a file takes no `mapping` and ignores `force` and `check`. `force`: True: it is
+    needed; None: taken where it is there; False: not looked for. `check` raises a RecordingError for a
+    recording of no use: an UnclearError offers only what passes it.
 
     Raises:
         UnclearError: which column is what is not sure.
@@ -123,8 +124,9 @@ def recording_of(
     force: bool | None = None,
     check: Check = lambda _: None,
 ) -> Recording:
-    """Makes the recording of a table, in SI and cleaned; see `load_recording`, also for what is raised.
-    `source`: head of error texts. The time keeps its origin, but stamps since 1970 begin at 0.
+    """Makes the recording of a table, in SI, cleaned and without steps of the force's zero; see
+    `load_recording`, also for what is raised. `source`: head of error texts. The time keeps its origin, but
+    stamps since 1970 begin at 0.
     """
     mapping, columns = mapping or Mapping(), ReadOnce(table)
     chosen, doubts, equals = _chosen(source, columns, mapping, force)
@@ -150,7 +152,7 @@ def recording_of(
         )
     force_n = values[1] if len(rows) > 1 else None
     if force_n is not None:
-        force_n, steps = of_one_zero(time_s, values[0], force_n, si_of("force", chosen["force"][1]))
+        force_n, steps = without_tares(time_s, values[0], force_n, si_of("force", chosen["force"][1]))
         notes += steps
     others = []
     for column, row in zip(beside, values[len(rows) :], strict=True):
@@ -165,7 +167,7 @@ def _in_si(
     table: Table, chosen: "Chosen", rate_hz: float | None, notes: list[str]
 ) -> tuple[Array, list[Array]]:
     """Reads the chosen columns in SI: time, by stamps or by `rate_hz`, and the others. Wraps of the time are
-    continued, full scales set to NaN; both add to `notes`.
+    continued, stamps since 1970 shifted to begin at 0, full scales set to NaN; adds to `notes`.
     """
     columns = table.read([column for column, _ in chosen.values()])
     read = dict(zip(chosen, columns, strict=True))
@@ -195,8 +197,8 @@ _MOST_FURTHER = 8  # columns that are kept beside: a wide table costs no more me
 
 
 def _further(table: Table, taken: Collection[str]) -> list[Column]:
-    """Reads the first 8 columns, not `taken`, of a known unit, in SI, that change; none if one of those that
-    are read for it can not be.
+    """Reads in SI the first 8 columns, not in `taken`, that state a known unit and change; none at all
+    if one of those tried can not be read.
     """
     stated = further([name for name in table.names if name not in taken], table.units)
     changing = list[Column]()

@@ -194,6 +194,7 @@ class RunWriter:
 
         Raises:
             ValueError: `key` is no key of the topic table.
+            RunError: the file can not be written.
         """
         topic = self._topics.get(key) or self._add_topic(key)
         try:

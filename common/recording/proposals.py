@@ -155,9 +155,9 @@ def _changes(quantity: Quantity, values: Array) -> bool:
 
 
 def _likely_unit(quantity: Quantity, name: str, values: Array) -> str | None:
-    """Likely unit of a column that states none: the first in which its interval, travel or force is that of a
-    bench. None where there is none, of a joint, which may turn or slide, and where the column counts: rows in
-    place of time, or the steps of a converter.
+    """Likely unit of a column that states none: that in which a time is a date of 2008 to 2039, else the
+    first in which its interval, travel or force is that of a bench. None where there is none, of a joint,
+    which may turn or slide, and where the column counts: rows in place of time, or a converter's steps.
     """
     values = values[np.isfinite(values)]
     steps = np.diff(values)

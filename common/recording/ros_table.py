@@ -106,7 +106,8 @@ def _numbers(value: Any, head: str) -> Iterator[tuple[str, float]]:  # noqa: ANN
 
 def _messages(path: Path, cut: bool) -> Iterator[tuple[str, int, Any, int]]:
     """Yields topic, log time in ns, message and packed bytes of each message of a bag, or in CDR of an MCAP
-    file. Raises RecordingError: not installed, unreadable, damaged, or too large.
+    file (in the order of the file). Raises RecordingError: not installed, unreadable, damaged, or too large;
+    of an MCAP file that is `cut`, damage only ends the messages.
     """
     with reading(path, "a recording of ROS", "rosbags"), opened(path) as file:
         from rosbags.highlevel import AnyReader  # noqa: PLC0415 - an extra

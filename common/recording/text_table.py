@@ -153,7 +153,9 @@ class TextTable:
 
 
 def _value(cell: str, kind: str) -> float:
-    """Number of a cell; of a date s since 1970, of a clock s since midnight. ValueError for other text."""
+    """Number of a cell, NaN where it is missing; of a date s since 1970, of a clock s since midnight. Raises
+    ValueError for other text.
+    """
     if cell in _MISSING:
         return nan
     if kind == "number":
@@ -163,7 +165,9 @@ def _value(cell: str, kind: str) -> float:
 
 
 def _layout(path: Path, head: bytes) -> Layout:
-    """Finds the layout by the first bytes of a file; raises RecordingError without a row of numbers."""
+    """Finds encoding, delimiter, decimal mark, columns and first row by the first bytes of a file; raises
+    RecordingError without a row of numbers.
+    """
     encoding, text = _decoded(head)
     lines = [line.strip("\r") for line in re.split("\r\n|\n|\r", text)]
     if len(head) == _HEAD_BYTES:
@@ -187,7 +191,7 @@ def _layout(path: Path, head: bytes) -> Layout:
 
 
 def _decoded(head: bytes) -> tuple[str, str]:
-    """Encoding and text of a head: as its mark says, UTF-8, or else what Windows writes in western Europe."""
+    """Encoding and text of a file's first bytes: by their byte order mark, else UTF-8, else Windows-1252."""
     for mark, encoding in _MARKS.items():
         if head.startswith(mark):
             return encoding, head.decode(encoding, "ignore")

@@ -61,7 +61,9 @@ class ServiceWatchdog:
         return _NOTIFY_NS if watchdog_ns is None else max(1_000_000, min(_NOTIFY_NS, watchdog_ns // 4))
 
     def notify(self, now_ns: int) -> None:
-        """Sends what is due: readiness once every loop has ticked, a changed status, a sign of life."""
+        """Sends systemd what is due: a changed status, once readiness when every loop has ticked, and a sign
+        of life from then on.
+        """
         ticks = self._ticks()
         if not self.ready and all(ticks):
             self.ready = True

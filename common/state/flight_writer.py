@@ -62,7 +62,7 @@ class FlightWriter:
                 part.unlink()
 
     def ask(self, axis: str, event: str, reason: str, now_ns: int) -> None:
-        """Queues a request for the worker; never blocks. Drops one within 1 s of the last accepted."""
+        """Queues a flight record for the worker; never blocks. Drops one within 1 s of the last accepted."""
         accepted_ns = self._accepted_ns
         if accepted_ns is not None and now_ns - accepted_ns < _AT_MOST_EVERY_NS:
             return

@@ -77,18 +77,18 @@ class Latch:
         """
         before, after = SafetyState(str(details["before"])), SafetyState(str(details["after"]))
         if after is SafetyState.ESTOPPED or (after is SafetyState.FAULT and before in _MOVING):
-            self._want(axis, str(details["reason"]))
+            self._set_reason(axis, str(details["reason"]))
         elif before in HALTED and after not in HALTED:
-            self._want(axis, None)
+            self._set_reason(axis, None)
 
     def is_persisted(self, axis: str) -> bool:
         """True when the file says of the axis what it should, so that a new start finds the same."""
         written = self._written
         return written is not None and written.get(axis) == self._wanted.get(axis)
 
-    def _want(self, axis: str, reason: str | None) -> None:
-        """Sets an axis's reason (None: removes it) and wakes the worker. A reason that stops every axis stays
-        that of each other one, which has not reported yet.
+    def _set_reason(self, axis: str, reason: str | None) -> None:
+        """Sets the reason for which an axis is latched (None: removes it) and wakes the worker, which writes
+        it. A reason for every axis first becomes one of each axis, so that the others keep it.
         """
         with self._wanting:
             every = self._wanted.get(_ALL)

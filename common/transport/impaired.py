@@ -170,7 +170,7 @@ class _Lane:
 
     def _planned_ns(self, now_ns: int) -> tuple[int, ...]:
         """Delays in ns that the link plans for a payload, two where it is doubled, none where it is lost;
-        adds them to the trace. None, and no entry, once the lane is closed. The caller holds the lock.
+        adds them to the trace. Empty, without an entry, once the lane is closed. The caller holds the lock.
         """
         if self.closed:
             return ()

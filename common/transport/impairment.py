@@ -51,7 +51,8 @@ class Impairment:
 
     def plan(self, now_ns: int) -> tuple[int, ...]:
         """Delays in ns of the message that arrives now: none when it is lost, two when it is duplicated.
-        Draws its stall, loss, delay, order and duplication, in turn, from the random state.
+        Keeps the order, but for messages drawn to be held back. Draws its stall, loss, delay, order and
+        duplication, in turn, from the random state.
         """
         settings, draw = self._settings, self._random.random
         entry_ns = self._after_stall(now_ns) if settings.stalls_per_s else now_ns

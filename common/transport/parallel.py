@@ -155,7 +155,9 @@ class ParallelTransport:
             yield session, key
 
     def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:
-        """Calls `handler` for each payload put by others to `prefix` or below it, one call at a time."""
+        """Calls `handler` for each payload put by others to `prefix` or below it, as it comes to the first
+        connection or the listening session; its calls never overlap.
+        """
         serial = threading.Lock()
 
         def deliver(key: str, payload: bytes, receive_ns: int) -> None:

@@ -28,8 +28,8 @@ class Certified:
 
 
 def read_identity(folder: Path, party: Party, now: datetime) -> Certified:
-    """Reads and checks the files of the party in a folder of `forefeel pki init`; returns their paths and
-    when the first certificate expires.
+    """Reads and checks the files of the party in a folder of `forefeel pki init`; returns their paths and the
+    earlier expiry of its certificate and the authority's.
 
     Raises:
         ConfigurationError: one is missing, unreadable, of another party or authority, not valid at `now`, or
@@ -55,7 +55,7 @@ def read_certificate(path: Path) -> "x509.Certificate":
     """Reads a PEM certificate.
 
     Raises:
-        ConfigurationError: missing, unreadable, or none.
+        ConfigurationError: missing, unreadable, or not a certificate.
     """
     from cryptography import x509  # noqa: PLC0415 - most sessions are on loopback and need none
 
@@ -66,7 +66,7 @@ def read_certificate(path: Path) -> "x509.Certificate":
 
 
 def check_period(path: Path, certificate: "x509.Certificate", now: datetime) -> None:
-    """Raises ConfigurationError where the certificate is not valid now."""
+    """Raises ConfigurationError where the certificate has expired at `now`, or is not valid yet."""
     start, end = certificate.not_valid_before_utc, certificate.not_valid_after_utc
     if now > end:
         raise _wrong(path, f"expired on {end:%Y-%m-%d %H:%M} UTC", renewal(path))
@@ -102,7 +102,9 @@ def _issued(certificate: "x509.Certificate", authority: "x509.Certificate") -> b
 
 
 def _read_key(path: Path) -> "PrivateKeyTypes":
-    """The private key in a file; raises ConfigurationError where it is none, or others may use it."""
+    """The private key in a file; raises ConfigurationError where it is none, has a password, or every user of
+    the host may use the file.
+    """
     from cryptography.hazmat.primitives.serialization import load_pem_private_key  # noqa: PLC0415
 
     data = _read(path)

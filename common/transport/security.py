@@ -60,8 +60,8 @@ def hears(role: PartyRole, topic: Topic[Message]) -> bool:
 
 
 def secured(party: Party, identity: PartyFiles) -> dict[str, object]:
-    """Zenoh configuration, by path, that a session with certificates adds: mutual TLS with the files of
-    `identity`, access control for `party`, a limit on the size of messages.
+    """Zenoh configuration, by path, that a session with certificates adds: tls and quic only, mutual TLS with
+    the files of `identity`, access control for `party`, a limit on the size of messages.
     """
     return {
         "transport/link/protocols": ["tls", "quic"],

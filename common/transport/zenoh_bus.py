@@ -151,7 +151,7 @@ class ZenohTransport:
         return send
 
     def subscribe(self, key: str, handler: Handler) -> None:
-        self._receive(key, lambda sample: handler(sample.payload.to_bytes(), self._now_ns()))
+        self._subscribe(key, lambda sample: handler(sample.payload.to_bytes(), self._now_ns()))
 
     def polled(self, key: str, handler: Handler, most: int = MOST_POLLED) -> Poll:
         """Subscribes without a thread; the returned poll hands up to `most` waiting payloads to `handler`,
@@ -176,7 +176,7 @@ class ZenohTransport:
         """Subscribes `handler` to what other sessions put to `prefix` or below it, called in a thread of its
         own; the newest `waiting` are kept for it.
         """
-        self._receive(
+        self._subscribe(
             f"{prefix}/**",
             lambda sample: handler(str(sample.key_expr), sample.payload.to_bytes(), self._now_ns()),
             waiting,
@@ -204,7 +204,7 @@ class ZenohTransport:
         for thread in self._threads:
             thread.join()
 
-    def _receive(self, key: str, receive: _Receive, waiting: int = _WAITING_SAMPLES) -> None:
+    def _subscribe(self, key: str, receive: _Receive, waiting: int = _WAITING_SAMPLES) -> None:
         """Subscribes, with a thread that calls `receive` for each sample; the newest `waiting` are kept."""
         subscriber = self._session.declare_subscriber(key, zenoh.handlers.RingChannel(waiting))
         # A daemon thread, so that a process that dies without `close` does not hang on it.

@@ -27,8 +27,8 @@ class SwitchedContact:
         self._after.follow(further)
 
     def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
-        """Steps both contacts by `dt` to time `t`; returns the force in N of the one that holds then, and
-        takes over its `instrument_m`. x, v, a: motion at the end of the step.
+        """Steps both contacts by `dt` to time `t`, after the switch only the second; returns the force in N
+        of the one that holds then, and takes over its `instrument_m`. x, v, a: motion at the end of the step.
         """
         self._switch(t)
         force_n = self._now.step(t, x, v, a, dt)

@@ -83,7 +83,7 @@ class ForeignContact:
 
     def step(self, t: float, x: float, v: float, a: float, dt: float) -> float:
         """Steps the added effects by dt to time t, and the engine if its next step is due; returns the sum of
-        both forces in N. Raises DeviceError where the engine fails.
+        both forces in N, the engine's held between its steps. Raises DeviceError where the engine fails.
         """
         if self._due_s is None or t > self._due_s - _ROUNDING_S:
             try:

@@ -49,7 +49,9 @@ class PlantStage:
         return round(self.position_m / self._encoder_step_m) * self._encoder_step_m, self.velocity_m_s
 
     def step(self, t: float) -> tuple[float, float, float]:
-        """Advances by dt to time t; returns (x, v, a) of the carriage."""
+        """Advances the carriage by dt to time t, within the limits of acceleration, velocity and travel;
+        returns its (x, v, a).
+        """
         dt, x, before = self._dt, self.position_m, self.velocity_m_s
         exact_m, v = self._demanded(t)
         if self._free_low_m < x < self._free_high_m:

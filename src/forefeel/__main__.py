@@ -29,8 +29,8 @@ def run() -> None:
 
 def main() -> None:
     """Runs the command of `sys.argv` and always exits: code 2 on InputError, 1 on another ForefeelError, each
-    one line on stderr. `estop` runs before typer is imported. UnclearError: the line is the command to type,
-    with the columns that it lacks.
+    one line on stderr. `estop` runs before typer is imported. On UnclearError (columns or units in doubt)
+    the line repeats the command with the columns to add.
     """
     try:
         code = _stop() if sys.argv[1:2] == ["estop"] else _command()

@@ -45,8 +45,8 @@ class Cell:
         self._newest: dict[str, dict[str, Any]] = {}
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        """Keeps the last message of a payload, not its arrival, for its axis and wakes `wait`; ignores a key
-        or payload that is malformed, or of a topic that is not in `_FIELDS`.
+        """Stores the last message of a payload, without its stamp, as the newest of its axis and topic, and
+        wakes `wait`; ignores a malformed key or payload, and topics that are not in `_FIELDS`.
         """
         parsed = parse_key(key)
         if parsed is None or parsed[2].name not in _FIELDS:

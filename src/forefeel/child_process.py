@@ -33,8 +33,9 @@ class ChildProcess:
         self._process: subprocess.Popen[bytes] | None = None
 
     def start(self, listening: socket.socket | None = None) -> None:
-        """Starts the process without input. With a socket, which it inherits for `listening_at`, its input is
-        a pipe for `write`. OSError: it can not be started, or its log not be written.
+        """Starts the process without input, in a session of its own, its output to a new log. With a socket,
+        which it inherits for `listening_at`, its input is a pipe for `write`. OSError: it can not be started,
+        or its log not be written.
         """
         environment, descriptors = {**os.environ, _PARENT: str(os.getpid())}, list[int]()
         if listening is not None:
@@ -56,7 +57,7 @@ class ChildProcess:
         return self._process is not None and self._process.poll() is None
 
     def write(self, line: str, last: bool = False) -> None:
-        """Writes a line to the pipe, and closes it after the `last`; nothing without pipe or process."""
+        """Writes a line to the pipe and, if `last`, closes it; nothing without a pipe, or to a broken one."""
         pipe = self._process and self._process.stdin
         if pipe:
             with suppress(OSError):

@@ -119,7 +119,7 @@ class _Group(TyperGroup):
             self._in_help = False
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:  # noqa: ANN401
-        """Writes `SECTIONS`, an example and its command's summary a line; below a group as typer does."""
+        """Writes `SECTIONS`: a line for each example, with its command's summary; for a group, typer's."""
         if self.commands.prefix:
             super().format_commands(ctx, formatter)
             return

@@ -209,7 +209,7 @@ class MasterRequests:
 
     def _lines(self) -> list[str]:
         """Lines with the state and reason of the slave, one for each axis; where none was received, `not
-        heard` and the cause of the session.
+        heard` and why it has no session.
         """
         lines = []
         for axis in self._daemon.axes:

@@ -245,7 +245,7 @@ class Process:
 
     def watch(self, axes: "Sequence[SlaveAxis | MasterAxis]") -> ServiceWatchdog:
         """Registers the tasks that print the axes' notices and tell systemd status and liveness; sets
-        `notices`; returns the watchdog of the latter, to be told when the daemon stops.
+        `notices`; returns the one that tells systemd, to be informed when the daemon stops.
         """
         self.notices = {axis.name: axis.events.notices for axis in axes}
         self.runtime.task("notices", _NOTICES_NS, self._tell_notices)

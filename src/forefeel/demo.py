@@ -34,11 +34,13 @@ HIDDEN: Effects = {
 
 
 def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float = RUN_S) -> None:
-    """Makes both runs at 300 ms of round trip with a live page, and the diagnosis between; prints ten lines,
-    and keeps the page until the viewer ends. `duration_s`: of each run.
+    """Runs a loopback with hidden effects, diagnoses it, and runs a second one with what was learned, both at
+    300 ms of round trip with a live page; prints ten lines, and keeps the page until the viewer ends.
+    `duration_s`: of each run.
 
-    `out` has the second run; `out/first` the first, `out/diagnosis` what it taught. The second run starts
-    with the model of the diagnosis, or, where that does not name what was hidden, with the first run's prior.
+    `out` has the second run; `out/first` the first, `out/diagnosis` its diagnosis. The second run starts with
+    the model of the diagnosis, or, where that names nothing hidden, with the first run's prior. The prior of
+    an earlier demo is deleted.
 
     Raises:
         InputError: the folder can not be used.

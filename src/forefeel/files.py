@@ -75,8 +75,8 @@ def write_whole(path: Path, text: str, what: str = "the report") -> None:
 
 @contextmanager
 def whole(path: Path, what: str) -> Iterator[Path]:
-    """Gives a temporary path beside `path` to write to, and at the end of the body moves that file to `path`
-    at once; the temporary file goes whatever ends the body. Makes the folder. `what`: for the error text.
+    """Gives a temporary path beside `path` to write to, and replaces `path` by that file in one step after a
+    body that raises nothing; else the temporary file is removed. Makes the folder. `what`: for the error.
 
     Raises:
         RunError: an OSError, of the body, too.

@@ -56,7 +56,7 @@ def observer(
     through_router: bool,
 ) -> ObserverSettings:
     """Loads the settings of a recorder or viewer from the file `config`, or makes them of the other options
-    in its place; `cell` None: `cell`.
+    in its place; without `cell` the cell is named `cell`.
 
     Raises:
         ConfigurationError: both given, neither `config` nor `connect`, or a value that can not be used.

@@ -167,7 +167,7 @@ class Recorder:
 
     def _write_batch(self) -> None:
         """Writes the messages of every queued payload; skips topics that are not recorded, counts malformed
-        payloads. Adds a line to `silences` for a gap between two states of an end.
+        payloads and missing messages. Adds a line to `silences` for a gap between two states of an end.
         """
         for key, payload, receive_ns in self._queue.drain():
             parsed = parse_key(key)

@@ -559,7 +559,7 @@ class HandleContract(DriverContract):
     force_n: ClassVar[float] = 0.3
 
     def test_rendered_force_is_that_which_was_asked(self, bench: EmulatedBench) -> None:
-        """Requires that `render`, called for 0.1 s, gives a force above 0 N and not above the one asked."""
+        """Requires that `render`, after 0.1 s of calls, gives a force above 0 N, at most the one asked."""
         applied_n: list[float] = []
         with bench.opened() as handle:
             bench.time.tick = lambda now_ns: applied_n.append(handle.render(self.force_n, now_ns))

@@ -8,7 +8,7 @@ import pytest
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.recording.recording import Recording
 from forefeel.common.topics import FORCE
-from forefeel.diagnosis.excitation import ForceLimitMet, Limits, excitation, excited
+from forefeel.diagnosis.excitation import ForceLimitMet, Limits, excitation, play_excitation
 from forefeel.diagnosis.investigation import Judged, investigate, judge
 from forefeel.investigation.bench import ForceLimitWatch
 from forefeel.results.investigation import answer_lines
@@ -27,7 +27,7 @@ def test_range_ends_before_the_force_limit_and_the_rest_is_played(inward: bool) 
         played.append((motion, limits))
         return met_at if len(played) == 1 else None
 
-    excited(LIMITS, 20.0, 100.0, play)
+    play_excitation(LIMITS, 20.0, 100.0, play)
     (first, whole), (second, less) = played
     assert whole == LIMITS
     assert (first.duration_s, second.duration_s) == pytest.approx((20.0, 15.0), abs=0.1)
@@ -43,7 +43,7 @@ def test_limit_that_is_always_met_ends_it_after_four_motions(duration_s: float) 
         spans_m.append(limits.span_m)
         return ForceLimitMet(duration_s, limits.home_m, True)  # at the last sample
 
-    excited(LIMITS, duration_s, 100.0, play)
+    play_excitation(LIMITS, duration_s, 100.0, play)
     assert spans_m == pytest.approx([0.02 * (0.95 * 0.3) ** n for n in range(4)])
 
 

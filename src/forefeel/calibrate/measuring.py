@@ -43,8 +43,8 @@ class CalibrationFit(NamedTuple):
 
 def level_of(times_s: Sequence[float], natives: Sequence[float]) -> Level:
     """Computes mean, noise and drift of readings at times in s, by the line of least squares through them.
-    The rise of the line has the standard deviation std T / sqrt(sum (t - mean)^2). ValueError: fewer than
-    three readings, or all at one time.
+    Noise is the std of the residuals; drift is the rise of the line over the whole time T, with the standard
+    deviation std T / sqrt(sum (t - mean)^2). ValueError: fewer than three readings, or all at one time.
     """
     n = len(natives)
     if n < 3 or len(times_s) != n or max(times_s) <= min(times_s):
@@ -85,7 +85,8 @@ def require_steady(level: Level, newton_per_native: float, range_n: float, what:
 
 
 def forces_of(text: str, newton_per_unit: float, where: str) -> list[float]:
-    """Parses a list such as `0,0.05,0.1` to forces in N, zero left out: the cell is tared without a load.
+    """Parses a list such as `0,0.05,0.1` to forces in N, in its order, zero left out: the cell is tared
+    without a load. `where`: the option, for the text of an error.
 
     Raises:
         ConfigurationError: not a list of numbers, one twice, none besides 0, or above 1e6 N.
@@ -123,7 +124,7 @@ def range_of(forces: Sequence[float]) -> tuple[float, float]:
 
 def fit(steps: Sequence[Step]) -> CalibrationFit:
     """Fits the line of least squares through the steps: native = zero + F / gain_n, for the weights are exact
-    and the readings are not.
+    and the readings are not; adds rms residual and hysteresis in N.
 
     Raises:
         RunError: fewer than two different loads, or every load reads the same.

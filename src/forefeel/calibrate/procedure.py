@@ -93,7 +93,7 @@ def run_load_cell(
 
     Raises:
         InputError: the options, the configuration or the device is not as expected; nothing was written.
-        RunError: refused for what was measured, interrupted; nothing was written.
+        RunError: readings invalid, unsteady or off the line, or interrupted; nothing was written.
         DeviceError: the cell failed.
     """
     loads_n = _loads_n(weights, forces)
@@ -177,8 +177,8 @@ def run_stage(target: Target, velocity_m_s: float, clock: SleepingClock | None =
 
     Raises:
         InputError: the options, the configuration or the device is not as expected; nothing moved.
-        RunError: an emergency stop is latched, it was refused for what was found, or interrupted (the stage
-            is stopped); nothing was written.
+        RunError: an emergency stop is latched, no consent, the travel is shorter than in the settings, or
+            interrupted (the stage is stopped); nothing was written.
         DeviceError: the stage failed.
     """
     device = target.device("stage")

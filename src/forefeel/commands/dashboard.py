@@ -45,7 +45,7 @@ def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     port: Port = 8600,
     opens: Open = False,
     vessel: Vessel = None,
-    chapters: Annotated[bool, typer.Option("--told", hidden=True)] = False,
+    piped_scenes: Annotated[bool, typer.Option("--told", hidden=True)] = False,
     quiet: Quiet = False,
 ) -> None:
     from forefeel.network_settings import observer  # noqa: PLC0415
@@ -55,4 +55,4 @@ def dashboard(  # noqa: PLR0913, PLR0917 - one parameter per option
     with extra("dashboard", *PACKAGES):
         from forefeel.dashboard.server import run_dashboard  # noqa: PLC0415
     with output(quiet=quiet):
-        run_dashboard(settings, address, port, insecure, opens, drawn, sys.stdin if chapters else None)
+        run_dashboard(settings, address, port, insecure, opens, drawn, sys.stdin if piped_scenes else None)

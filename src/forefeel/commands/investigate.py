@@ -86,7 +86,7 @@ def investigate(  # noqa: PLR0913, PLR0917 - one parameter per option
 
 
 def _range_m(text: str | None) -> tuple[float, ...]:
-    """The two ends of `--workspace`; none without it. ConfigurationError: no two rising numbers."""
+    """Parses `--workspace` to (low, high) in m, None to (). ConfigurationError: no two rising numbers."""
     if text is None:
         return ()
     try:

@@ -78,7 +78,7 @@ def ros(  # noqa: PLR0913, PLR0917 - one parameter per option
 
 
 def _sockets(given: list[str], accept_commands: bool) -> dict[str, Path]:
-    """Socket by axis. ConfigurationError: malformed, or commands are not accepted."""
+    """Parses `AXIS=SOCKET` to paths by axis. ConfigurationError: malformed, or commands are not accepted."""
     if given and not accept_commands:
         raise ConfigurationError("--servo: expected --accept-commands, too")
     for text in given:

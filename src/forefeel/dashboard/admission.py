@@ -32,13 +32,13 @@ class Admission:
         self._app, self._token, self._cookie = app, token, cookie
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        answer = self._app if scope["type"] == "lifespan" else self._answer(HTTPConnection(scope))
+        answer = self._app if scope["type"] == "lifespan" else self._application_for(HTTPConnection(scope))
         await answer(scope, receive, send)
 
-    def _answer(self, asked: HTTPConnection) -> ASGIApp:
-        """Application to call for a request: the page's own where it is admitted. Else a response: 403 to a
-        page of another site, 401 without token and cookie; a token in the query sets the cookie and
-        redirects.
+    def _application_for(self, asked: HTTPConnection) -> ASGIApp:
+        """Chooses what answers a request: the page's own application where it is admitted, else a response:
+        403 to a page of another site, 401 without a right token or cookie; a right token in the query sets
+        the cookie and redirects. Where no token is asked for, only the site is checked.
         """
         origin = asked.headers.get("origin")
         if origin is not None and origin.partition("://")[2] != asked.headers["host"]:
@@ -65,7 +65,8 @@ class PageAddress(NamedTuple):
 
 
 def guard(app: Starlette, listening: socket.socket, address: str) -> PageAddress:
-    """Adds the checks of host name, origin and, beyond loopback, a new token; returns the link to the page.
+    """Adds middleware to `app` that checks host name, origin and, beyond loopback, a new token; returns the
+    link to the page, with that token in it.
 
     Args:
         address: as it was asked for, maybe a name; the page is also reached by it.

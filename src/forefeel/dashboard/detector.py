@@ -76,7 +76,7 @@ class ModelWatch:
         self._outside += outside
 
     def _advance(self, t_s: float) -> None:
-        """Judges the block of 1 s that has ended, if one has, clears its sums, goes on to that of `t_s`."""
+        """Judges the open block of 1 s and clears its sums once `t_s` is in a later one; opens that."""
         block = int(t_s // _BLOCK_S)
         if self._block is not None and block > self._block:
             self._judge(self._block * _BLOCK_S)
@@ -85,8 +85,9 @@ class ModelWatch:
         self._block = block if self._block is None else max(block, self._block)
 
     def _judge(self, start_s: float) -> None:
-        """Updates signs and alarm with the block from `start_s` on; skips one with under 100 forces or no
-        innovation. Takes it into the usual values only with no alarm and no bad block counted.
+        """Compares rms innovation and share of forces outside the band, in the block from `start_s` on, with
+        their medians in usual blocks; updates signs and alarm. Skips a block with under 100 forces or no
+        innovation. A block is usual only with no alarm and no bad block counted.
         """
         if self._forces < _LEAST_FORCES or not self._innovations:
             return

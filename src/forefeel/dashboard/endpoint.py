@@ -44,9 +44,9 @@ class Endpoint:
         self.show(scene)
 
     def show(self, scene: Scene) -> None:
-        """Serves that scene from now on: its recording, or without one the live cell. The cell forgets what
-        it heard, and shows alone what the scene waits for, if anything. Raises InputError where the recording
-        can not be read.
+        """Serves that scene from now on: its recording, or without one the live cell, which forgets all that
+        it received. While the scene waits for something, the page shows only that text. Raises InputError
+        where the recording can not be read.
         """
         self._source: LiveCell | Recorded
         self._vessel = scene.vessel
@@ -77,8 +77,8 @@ class Endpoint:
         return len(self._viewers)
 
     async def converse(self, socket: WebSocket) -> None:
-        """Answers a page until it leaves; beyond `MOST_VIEWERS` closes the oldest that has asked nothing for
-        it, or refuses it.
+        """Answers a page until it leaves. With `MOST_VIEWERS` pages open it first closes the oldest that has
+        sent no request yet, or, if all have, this new one.
         """
         await socket.accept()
         if len(self._viewers) >= MOST_VIEWERS:
@@ -97,9 +97,9 @@ class Endpoint:
             self._viewers.pop(socket, None)
 
     async def _answer(self, socket: WebSocket) -> None:
-        """Sends the facts of the scene, then answers each request; the facts again after a new scene. Returns
-        once the page is displaced, or closed for a request that is not understood; WebSocketDisconnect when
-        it leaves.
+        """Sends the facts of the scene, then answers each request; the first after a change of scene with the
+        new facts. Returns once the page is displaced, or closed for a request that is not understood; raises
+        WebSocketDisconnect when it leaves.
         """
         scene, viewer = self.scene, self._source.viewer()
         answer: Answer = {"facts": self.facts()}

@@ -65,9 +65,9 @@ class EventList:
 
 
 def _level(event: Message) -> Level:
-    """Level of an event's line: of a transition by the state it leads to, of a stop that nobody chose `warn`;
-    `bad` for an emergency stop, `off` for an accepted handshake and for a limit that asks nothing of anybody,
-    else `warn`.
+    """Level of an event's line: of a transition by the state it leads to, of stopping `busy` after a release
+    and else `warn`; `bad` for an emergency stop, `off` for an accepted handshake and for a limit that is not
+    `notable`, else `warn`, lost contact included.
     """
     match event:
         case SafetyEvent(after=SafetyState.STOPPING, event="release"):

@@ -32,9 +32,9 @@ class Feed:
         self._due_ns: dict[str, int] = {}
 
     def answer(self, cell: CellView, wanted: str | None, now_ns: int) -> Answer:
-        """Changes since the last answer to this viewer: axes, clock and, of one axis, new points of its
-        traces and the cards that changed; without an axis the former alone. `wanted`: an axis; the first
-        stands in for one that is missing.
+        """Changes since the last answer to this viewer: of the axis `wanted`, or the first if that is
+        missing, the new points of its traces and the cards that changed (all of them where `anew` is true);
+        always the names of the axes and the clock, without an axis only these.
         """
         axis = wanted if wanted in cell.axes else next(iter(cell.axes), None)
         answer: Answer = {"axes": list(cell.axes), "axis": axis, "clock_s": now_ns * 1e-9}
@@ -50,7 +50,7 @@ class Feed:
         return answer
 
     def _restart(self, view: AxisView) -> bool:
-        """Forgets what was sent where the axis is another, or its time began anew; True then."""
+        """Forgets what was sent to the viewer, if the axis changed or its time began anew; True then."""
         shown = view, view.timeline.epoch
         if self._shown == shown:
             return False
@@ -83,7 +83,9 @@ class Feed:
                 for card in self._changed(name, every_ns, make, now_ns)}  # fmt: skip
 
     def _changed(self, name: str, every_ns: int, make: Callable[[], Any], now_ns: int) -> list[Any]:
-        """The card alone in a list, or an empty list where it is not due or was sent as it is."""
+        """Makes a card if it is due, and sets when it is due next; returns it alone in a list, or an empty
+        list where it is not due or equals the one sent last.
+        """
         due_ns = self._due_ns.get(name)
         # in a recording the time may go back
         if due_ns is not None and due_ns - every_ns <= now_ns < due_ns:

@@ -67,8 +67,8 @@ def _link(view: AxisView, now_ns: int) -> Light:
 
 
 def _lease(view: AxisView, now_ns: int) -> Light:
-    """Light of the lease: `off` without a slave or a holder that is heard, `warn` where another master holds
-    it, else `good`.
+    """Light of the lease: `off` where no master holds it, or slave or master are silent; `warn` where the
+    slave serves another session than this master's, else `good`.
     """
     slave, master = view.newest.slave, view.newest.master
     if slave is None or _quiet(view, SLAVE_STATE, now_ns):
@@ -112,8 +112,8 @@ def _deadman(view: AxisView, now_ns: int) -> Light:
 
 
 def _force(view: AxisView, now_ns: int) -> Light:
-    """Light of the force, `bad` above its limit, `off` without a slave; in its place that of the instrument,
-    `warn` once it slipped through the jaws, or while it is about to give way.
+    """Light of the force: `off` without a slave, `bad` above its limit, else `good`. Below the limit a `warn`
+    light of the instrument replaces it while that is near its load, or once it slipped through the jaws.
     """
     slave = view.newest.slave
     if slave is None or _quiet(view, SLAVE_STATE, now_ns):

@@ -65,8 +65,8 @@ def numbers(view: AxisView, now_ns: int) -> Card:
 
 
 def gain(view: AxisView, now_ns: int) -> Card:
-    """Texts of the rms errors of prediction and late force over the last 20 s; level `good` where the
-    prediction's is smaller, else `off`. `UNKNOWN` while too few forces were compared.
+    """Texts of the rms errors of prediction and late force over the last 20 s, and of the median delay; level
+    `good` where the prediction's error is smaller, else `off`. `UNKNOWN` while too few forces were compared.
     """
     errors = view.comparison.errors(view.timeline.now_s(now_ns))
     delays_s = view.delays.rows()[-_TICKS_OF_DELAY:, 1]
@@ -103,8 +103,9 @@ def delay(view: AxisView, now_ns: int) -> str:
 
 
 def model(view: AxisView, now_ns: int) -> Card:
-    """Parameters (at most 24) with their uncertainty, what the motion tells apart, how good the model is, and
-    the friction for the vessel, of the newest model, however old; a sentence in their place before any.
+    """Card of the newest model, however old: parameters (at most 24) with their uncertainty, sentences on
+    which ones the motion can tell apart, rms innovation, and the friction to draw in the vessel. Before any
+    model it has only a sentence.
     """
     latest = view.newest.model
     if latest is None:

@@ -71,10 +71,11 @@ def run_dashboard(
     scenes: TextIO | None = None,
 ) -> None:
     """Serves the page of a live cell, with its stop button, until SIGINT, SIGTERM or SIGHUP, which end the
-    process at once. Lowers the process's priority; `opens`: in a browser.
+    process at once, as does the end of the forefeel that started it. Lowers the priority of the process;
+    `opens`: in a browser.
 
     `scenes`: lines of JSON, each a `Scene`; the newest is shown. Then it also returns once they have ended
-    and nobody looks, unless the last one stays.
+    and no page is open, unless the last one stays, and a failed network is not raised.
 
     Raises:
         InputError: an endpoint, a certificate or the port can not be used.
@@ -144,7 +145,7 @@ class StopButton:
 
     async def press(self, asked: Request) -> JSONResponse:
         """Sends the stop to every axis, again and again, until each that is heard is in ESTOPPED, 2 s at
-        most. Answers with JSON: `running`, those that are not, and `heard`, false if none was heard.
+        most. Answers with JSON: `running`, the axes not in ESTOPPED; `heard`, false if none was heard.
         """
         stopper = self._stopper
         stopper.reason = f"page, from {asked.client.host if asked.client else 'unknown'}"
@@ -173,8 +174,9 @@ class Connection(H11Protocol):
         return self.cycle is None or self.cycle.response_complete
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Takes a connection; where there are too many closes the oldest silent one, else the oldest, and
-        says so once a minute at most. Gives the application `state.abort`.
+        """Takes a connection; where there are too many closes the oldest without a request in progress,
+        else the oldest, and prints so once a minute at most. Puts the transport's `abort` into the
+        application's state.
         """
         self.since_s = self.loop.time()
         oldest = displaced([peer for peer in self.connections if isinstance(peer, Connection)])
@@ -235,8 +237,8 @@ def _serve(
     ends: Coroutine[Any, Any, None],
     more: Sequence[BaseRoute] = (),
 ) -> None:
-    """Serves the page, with the checks of `guard`, until `ends` does; shows its link, with `opens` in a
-    browser. `address`: as asked for; `what`: in words.
+    """Serves the page, with the checks of `guard`, until `ends` does; prints its link, with `opens` opens it
+    in a browser. `address`: as the user gave it; `what`: what is shown, for messages; `more`: other routes.
 
     Raises:
         RunError: `ends`, or what the page is made of, failed.
@@ -262,12 +264,12 @@ def _serve(
         backlog=_BACKLOG,
     )
     try:
-        asyncio.run(_until(_Server(config), listening, ends))
+        asyncio.run(_serve_until(_Server(config), listening, ends))
     except Exception as error:
         raise RunError(f"dashboard of {what}: {type(error).__name__}: {error}") from error
 
 
-async def _until(server: _Server, listening: socket.socket, ends: Coroutine[Any, Any, None]) -> None:
+async def _serve_until(server: _Server, listening: socket.socket, ends: Coroutine[Any, Any, None]) -> None:
     """Runs the server until it or `ends` has ended, then ends the server; raises the error of either."""
     serving, ending = asyncio.create_task(server.serve([listening])), asyncio.create_task(ends)
     await asyncio.wait((serving, ending), return_when=asyncio.FIRST_COMPLETED)

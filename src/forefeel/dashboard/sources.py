@@ -70,8 +70,8 @@ class LiveCell:
         return {"cell": self._name, "file": None}
 
     def viewer(self) -> Viewer:
-        """Makes a function that answers one page with what is new to it in the cell, and with a silence, if
-        there is one; while the cell waits, with that alone.
+        """Makes a function that answers one page with what is new to it in the cell, and with data on the
+        cell's silence, if it is silent; while the cell waits, only with the text of that.
         """
         feed = Feed()
 
@@ -119,8 +119,8 @@ class Recorded:
                 "first_s": self._first_s}  # fmt: skip
 
     def viewer(self) -> Viewer:
-        """Makes a function that answers one page from its own place in the recording; a damaged place is told
-        as a silence, not raised.
+        """Makes a function that answers one page from its own place in the recording. At a damaged place the
+        answer has no data but the error's text; nothing is raised.
         """
         replay, feed = ReplayClock(self._spans), Feed()
 
@@ -147,7 +147,8 @@ class ReplayClock:
 
     def go_to(self, at_s: float, window_s: float) -> int:
         """Brings `cell` to its state at `at_s` of the recording, or at its nearest end; returns that time in
-        ns. `window_s`: shown before it, so that at least so much is read.
+        ns. After a jump back, or far ahead, `cell` is a new one that has only the messages of the `window_s`
+        before that time, or of `LEAD_S` if those are more.
 
         Raises:
             RecordingError: the file is damaged there.

@@ -43,7 +43,9 @@ class MinMaxTrace:
         self._high: tuple[float, ...] = ()
 
     def add(self, t_s: float, *values: float) -> None:
-        """Adds a sample to the open bin, or opens a later one with it; ignores one of an earlier bin."""
+        """Keeps a sample while its first value is the lowest or highest of the open bin, or opens a later bin
+        with it; ignores one of an earlier bin.
+        """
         number, row = floor(t_s / self._bin_s), (t_s, *values)
         if number == self._bin:
             if row[1] < self._low[1]:

@@ -85,8 +85,8 @@ class Analysis:
         form that has a plainer one only that form is barred, and the search begins with the plainer one.
 
         If the new fit has causes that the old one lacked and is worse by `ADD` or more, penalties aside,
-        these are barred too and the search is repeated; a bias, and what says the same as `name` with fewer
-        numbers, never are.
+        these are barred too and the search is repeated; a bias, and causes of the same part of the bench as
+        `name` with fewer coefficients, never are.
         """
         rest: Model = {other: shape for other, shape in self.fit.model.items() if other != name}
         form = CANDIDATES[name].plainer

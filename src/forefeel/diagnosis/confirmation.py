@@ -80,12 +80,13 @@ def confirm(diagnosed: Diagnosed, recording: Recording) -> Replay:
     """Replays the model of a diagnosis (where it names no cause, the simulation) on another recording, of a
     long one on its liveliest stretch, and compares the rms it leaves with the expected one.
 
-    `confirmed` up to 1.6 times that; beyond it `not_told` where the doubt of the parameters explains it, else
-    `not_confirmed`. Always `not_told` where something is missing that was not named.
+    The verdict is `confirmed` up to 1.6 times that; beyond it `not_told` where the uncertainty of the
+    parameters explains the excess, else `not_confirmed`. It is always `not_told` where something is missing
+    of which the diagnosis names no cause.
 
     Raises:
-        RecordingError: the other one can not be diagnosed, see `check`, lacks a column that the model
-            follows, or has a lower rate than the diagnosis needs.
+        RecordingError: the recording can not be diagnosed, see `check`, lacks a column that the model
+            follows, or has a lower rate than the band of the diagnosis needs.
     """
     check(recording)
     diagnosis, analysis, name = diagnosed.diagnosis, diagnosed.analysis, recording.name
@@ -101,7 +102,7 @@ def confirm(diagnosed: Diagnosed, recording: Recording) -> Replay:
     void = cleaned.clipped | cleaned.spikes
     there = here.like(Signals(recording, cleaned.force_n, cutoff_hz, void))
     rows, force_n = there.rows, there.signals.force[there.rows]
-    base, fit = analysis.base, _at_its_instant(there, analysis.fit)
+    base, fit = analysis.base, _with_change_moved(there, analysis.fit)
     before_n, after_n = less_own(there, fit, np.stack([there.residual(base), there.residual(fit)], 1)).T
     errors = parameter_errors(here, analysis.fit, np.random.default_rng(0))
     doubt_n = WIDER * float(np.sqrt(np.quantile(powers(there, base, fit, errors)[0], _DOUBT)))
@@ -139,9 +140,9 @@ def _require_columns(recording: Recording, analysis: Analysis) -> None:
         )
 
 
-def _at_its_instant(there: RecordingRegression, fit: ModelFit) -> ModelFit:
-    """Copy of the fit with its change of stiffness at the instant that leaves least of `there`, -inf for one
-    before its start; the fit itself without such a change.
+def _with_change_moved(there: RecordingRegression, fit: ModelFit) -> ModelFit:
+    """Copy of the fit with its change of stiffness moved to the instant that leaves the smallest rms error
+    in `there`, -inf for one before its start; coefficients stay. The fit itself if it has no such change.
     """
     for name in [name for name in fit.model if base_name(name) == StiffnessChange.name]:
         low, high = there.signals.t[[0, -1]].tolist()

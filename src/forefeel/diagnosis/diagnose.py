@@ -40,7 +40,7 @@ def diagnose(
 ) -> Diagnosed:
     """Diagnoses a recording: names the causes that a mass-damper-spring simulation of it misses.
 
-    Adds effects installed since to the candidates, and runs numeric libraries on one thread meanwhile.
+    Updates the candidates to the effects now installed, and runs numeric libraries on one thread meanwhile.
 
     Args:
         recording: position and force.
@@ -72,7 +72,7 @@ def _diagnosed(recordings: list[Recording], progress: Progress, given: ContactMo
         # recordings share no clock: what has an instant or a phase of its own is not searched in several
         names = [name for name in CANDIDATES if not cause_class(name).clocked] if parts_s else None
         analysis = (analyse_long if long else analyse)(recording, progress, names, parts_s)
-        simple = _weighed(analysis, progress)
+        simple = _judge_analysis(analysis, progress)
     diagnosis, analysis = simple
     gaps = any(len(one.segments()) > 1 for one in recordings)
     diagnosis = replace(diagnosis, flags=_flags(diagnosis.flags, gaps, long))
@@ -81,7 +81,7 @@ def _diagnosed(recordings: list[Recording], progress: Progress, given: ContactMo
     return Diagnosed(diagnosis, analysis, recording)
 
 
-def _weighed(analysis: Analysis, progress: Progress) -> tuple[Diagnosis, Analysis]:
+def _judge_analysis(analysis: Analysis, progress: Progress) -> tuple[Diagnosis, Analysis]:
     """Judges an analysis; returns the diagnosis, with the expected gain and the result of the plain
     regressions (`look`), and the analysis of the causes kept. Raises RecordingError where the force is flat
     but for noise.

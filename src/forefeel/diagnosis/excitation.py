@@ -95,7 +95,7 @@ class ForceLimitMet:
     inward: bool
 
 
-def excited(
+def play_excitation(
     limits: Limits,
     duration_s: float,
     rate_hz: float,
@@ -137,7 +137,7 @@ def excitation(
         expected = f"{SECONDS[0]:g} to {SECONDS[-1]:g} s"
         raise ConfigurationError(f"a motion of {duration_s:g} s: expected {expected}")
     fastest_hz = min(_SWEEP_HZ[1], _OF_RATE * rate_hz)
-    paths = [_fitted(block, limits, duration_s / len(_BLOCKS), fastest_hz) for block in _BLOCKS[after:]]
+    paths = [_block_path(block, limits, duration_s / len(_BLOCKS), fastest_hz) for block in _BLOCKS[after:]]
     x = _rounded(np.concatenate(paths), max(_ROUNDED_S, _SAMPLES / rate_hz))
     return Recording("motion", np.arange(len(x), dtype=np.float64) * _STEP_S, x, None, "motion")
 
@@ -246,7 +246,7 @@ def _reversals(path: _Path) -> None:
 _BLOCKS: Sequence[_Block] = (_sweep, _steps, _speeds, _reversals)
 
 
-def _fitted(block: _Block, limits: Limits, duration_s: float, fastest_hz: float) -> Floats:
+def _block_path(block: _Block, limits: Limits, duration_s: float, fastest_hz: float) -> Floats:
     """Path of a block, `duration_s` long: in as much of the range, about home, as the quickest pace manages
     in that time, then at the slowest pace that does, then at rest.
     """

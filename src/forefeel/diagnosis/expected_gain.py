@@ -68,15 +68,15 @@ def expected_gain(
     regression: RecordingRegression, base: ModelFit, fit: ModelFit, left_n: float, noise_share: float
 ) -> ExpectedGain | None:
     """Predicts the gain, 1 - rms with the extended model / rms with the simulation, on other motions within
-    the recorded positions: median and 95 % interval over draws of the parameters' errors, of how what is left
-    grows there and of what no model knows, with positions and speed they hold for; repeatable. None where no
-    other motion can be made of the recorded one.
+    the recorded positions: median and 95 % interval, with the positions and speed that they hold for. They
+    come from repeatable draws of the parameters' errors, of the residual's growth on the other motion and of
+    a general error of the model. None where no other motion can be made of the recorded one.
 
     Args:
         regression: of the recording.
         base, fit: the simulation and the extended model, fitted to it.
         left_n: rms that the extended model leaves on held-out blocks, in N.
-        noise_share: share of its power that is noise.
+        noise_share: share of the power of `left_n` that is noise.
     """
     rng = np.random.default_rng(0)
     errors = parameter_errors(regression, fit, rng)
@@ -105,9 +105,9 @@ def parameter_errors(regression: RecordingRegression, fit: ModelFit, rng: Genera
 def powers(
     other: RecordingRegression, base: ModelFit, fit: ModelFit, errors: Floats
 ) -> tuple[Floats, Floats, float]:
-    """Mean squares in N^2 of forces along `other`, less what a run sizes anew (`less_own`): J d of each draw
-    d of `errors`; J d + c of each draw; c. J d: error of the fit's force; c: that force less the one of
-    `base`.
+    """Mean squares in N^2 along `other`, without what every run fits anew (`less_own`): for each draw d of
+    `errors` of J d, the error of the fit's force; for each draw of J d + c; and of c alone, the force of the
+    fit minus that of `base`.
     """
     j = plain_jacobian(other, fit)
     c = other.predicted(fit) - other.predicted(base)
@@ -118,8 +118,8 @@ def powers(
 
 
 def less_own(regression: RecordingRegression, fit: ModelFit, columns: Floats) -> Floats:
-    """Columns at the rows that count, less their least-squares fit by what any run of the bench sizes anew:
-    the zero of the cell, and the columns of the fit's causes that hold for their run only, or for its start.
+    """Columns at the rows that count, minus their least-squares fit by terms that differ from run to run: the
+    zero of the cell, and the columns of the fit's causes that hold for their run only, or for its start.
     """
     rows, anew = regression.rows, [regression.block({}, "bias", ())]
     for name, shape in fit.model.items():

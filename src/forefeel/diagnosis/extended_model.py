@@ -50,7 +50,7 @@ def extended_model(analysis: Analysis, name: str) -> ContactModel:
 def simulated_n(model: ContactModel, recording: Recording) -> Floats:
     """Force of the model, whose positive resists, at the stamps of a recording, which are the model's times:
     from rest along the motion as a diagnosis conditions it, up to 0.45 of the sampling rate. Each piece
-    without gaps is a new contact; one too short to be conditioned is derived by differences.
+    without gaps is a new contact; in one too short to be conditioned speed is by differences, acceleration 0.
 
     Raises:
         ConfigurationError: the force is not finite, or the recording lacks a column that it follows.
@@ -81,8 +81,8 @@ def simulated_n(model: ContactModel, recording: Recording) -> Floats:
 
 
 def _base(fit: ModelFit, mass: float, damping: float, stiffness: float) -> list[Entry]:
-    """Entries of mass, damper and spring for a model.yaml; two where a cause puts the mass, or both, at a
-    site before the contact. The damping is 0 where a cause of the fit takes its place.
+    """Entries of mass, damper and spring for a model.yaml: one, or two where a cause puts the mass, or mass
+    and damper, at a site before the contact. The damping is 0 where a cause of the fit takes its place.
     """
     if any(cause_class(name).instead_of == "damping_n_s_m" for name in fit.model):
         damping = 0.0

@@ -47,9 +47,9 @@ class Leftover:
         """Functions by variable that make its columns, shape (coarse samples, columns); those of the motion
         filtered and late as the cell shows them.
         """
-        return {**self._of_the_motion(), **self._of_time()}
+        return {**self._motion_columns(), **self._time_columns()}
 
-    def _of_the_motion(self) -> dict[str, Columns]:
+    def _motion_columns(self) -> dict[str, Columns]:
         """Functions, by variable, that make the columns of the motion, of each further column and its speed,
         and of the size of the predicted force.
         """
@@ -80,7 +80,7 @@ class Leftover:
         made: dict[str, Columns] = {name: partial(self._as_measured, table) for name, table in tables.items()}
         return {**made, "size of the force": lambda: np.column_stack(_bumps(force, _knots(force, 12)))}
 
-    def _of_time(self) -> dict[str, Columns]:
+    def _time_columns(self) -> dict[str, Columns]:
         """Functions that make the columns of time, and of one rhythm (`_line_hz`), which may last, act while
         the motion does, grow with depth, or vary in rate.
         """
@@ -110,8 +110,8 @@ class Leftover:
         }
 
     def _line_hz(self) -> float:
-        """Frequency in Hz of the fitted pulsation, which may pulse with more than time; else of the strongest
-        line of the residual that has three cycles or more.
+        """Frequency in Hz of the fit's first pulsation, the mean of a rate that varies; without one, of the
+        strongest line of the residual that has three cycles or more.
         """
         for name, shape in self.fit.model.items():
             if issubclass(cause_class(name), Pulsation):
@@ -154,7 +154,7 @@ class Leftover:
         it.
         """
         of_plain = columns(self.regression, plain)
-        tables = (make() for name, make in self._of_the_motion().items() if name != _SINGLE[-1])
+        tables = (make() for name, make in self._motion_columns().items() if name != _SINGLE[-1])
         return min(self._gain_low_beside(extra, of_plain) for extra in tables)
 
     def _gain_low_beside(self, extra: Floats, of_plain: tuple[Floats, Floats]) -> float:
@@ -174,7 +174,9 @@ class Leftover:
         return held_out(self.regression, *self._columns)
 
     def _errors_beside(self, of_fit: tuple[Floats, Floats], extra: Floats, ridge: float) -> Floats:
-        """Held-out errors of a fit's columns with `extra` ones beside them, `ridge` on these."""
+        """Held-out errors in N of a fit's columns, `of_fit` (whitened, plain), with `extra` ones (plain,
+        coarse grid) beside them, `ridge` on these.
+        """
         regression, pieces = self.regression, self.regression.signals.piecewise(fine=False)
         white, plain = of_fit
         extra_white = regression.noise.whiten(extra, pieces)[regression.rows] / regression.noise.innovation_n

@@ -47,7 +47,9 @@ class Rivals:
         self._errors = [parameter_errors(self._regression, fit, rng) for fit in self._fits.values()]
 
     def along(self, motion: Recording) -> list[Forecast]:
-        """Forecast of each rival along a motion; empty where that is too short for the diagnosis's band."""
+        """Forecast of each rival along a motion, positive where it resists; empty where the motion is too
+        short for the diagnosis's band.
+        """
         regression = self._regression
         signals = Signals.of_motion(motion.time_s, motion.position_m, regression.signals.cutoff_hz)
         if signals is None:

@@ -52,8 +52,8 @@ def investigate(
     progress: Progress = lambda stage: None,
 ) -> Investigation:
     """Makes the motion to record next, within what the recording has reached: the largest of eight sizes with
-    which a rival's forecast stays within the force limit, or else the smallest. Diagnoses the recording
-    first, unless it is `Diagnosed`.
+    which at least one rival's forecast stays within the force limit, or else the smallest. Diagnoses the
+    recording first, unless it is `Diagnosed`; the largest size is taken where that fails, as of a flat force.
 
     `limits`: fields of `Limits`, in place of those reached; with any of them the force has a limit only where
     it is given.
@@ -108,13 +108,15 @@ class Judged:
 
 
 def judge(asked: Investigation, answer: Recording, progress: Progress = lambda stage: None) -> Judged:
-    """Diagnoses an answer; causes that it names stand unless their model fails on the question. Else those of
-    the question stand if their model is confirmed on the answer, without cautions; else the verdict on the
-    answer, `unexplained` where it named any. Asks for no motion a second time.
+    """Diagnoses the recording `answer` of the motion that `asked` made, and decides which diagnosis holds.
+
+    Causes of the answer hold unless their model is `not_confirmed` on the first recording. Else those of the
+    first hold if their model is confirmed on the answer, without cautions; else the verdict on the answer,
+    `unexplained` where it named causes. The next motion is dropped unless it is described in words.
 
     Raises:
-        RecordingError: the answer can not be diagnosed, or one of the two has too low a rate for the band of
-            the other.
+        RecordingError: the answer can not be diagnosed, or one of the two recordings has too low a rate for
+            the band of the other.
     """
     alone = _unasked(diagnose(answer, progress))
     named, replay = alone.diagnosis, None

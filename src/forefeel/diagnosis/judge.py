@@ -81,9 +81,9 @@ Less = tuple[VerdictName, NextMotion | None, tuple[tuple[str, ...], ...]]
 
 
 def judged(analysis: Analysis) -> tuple[Diagnosis, Analysis]:
-    """Drops doubted causes one at a time, searching on without each, until none is doubted; beside structure
-    that has no name also those that are not clear, without a search. Returns the diagnosis and the analysis
-    of the rest. If that rest is `slow`, the simulation alone is judged.
+    """Drops doubted causes one at a time, searching on without each, until none is doubted; then, without a
+    search, those that are `unclear`. Returns the diagnosis and the analysis of the remaining causes; of the
+    simulation alone where the force is `slow`. A doubted bias is dropped without a search, too.
     """
     while True:
         judge = Judge(analysis)
@@ -193,9 +193,9 @@ class Judge:
 
     @cached_property
     def slow(self) -> bool:
-        """True if mass, damper and spring explain 80 % of the force in the band of the strokes, clearly more
-        than of all, most of the rest is slower, and the largest cause, if any, `bends` or pulses faster than
-        `slow_hz`: the search then names a slow force so.
+        """True if a force slower than the strokes may pass for a cause: mass, damper and spring explain 80 %
+        of the force in the band of the strokes, clearly more than of the whole, most of what they leave is
+        slower, and the largest cause, if any, `bends` or pulses faster than `slow_hz`.
         """
         look = self.regression.look
         slower = 1.0 - look.spring_in_band < 0.5 * (1.0 - look.spring)  # most of what is left
@@ -208,8 +208,9 @@ class Judge:
         return beats and float(np.mean(self.fit.model[name])) > look.slow_hz
 
     def _not_driven(self) -> bool:
-        """True if the force's own past, 0.2 s old or more, tells over 30 % of it and leaves under a quarter
-        of what the motion leaves. False where the motion explains 60 %, or a cause follows a further column.
+        """True if the force's own past, 0.2 s old or more, predicts over 30 % of its variance and leaves
+        under a quarter of what the model leaves. False where the motion explains over 60 %, or a cause
+        follows a further column.
         """
         if any(map(self.regression.column_of, self.fit.model)):
             return False
@@ -221,10 +222,11 @@ class Judge:
 
     @cached_property
     def _structure_left(self) -> bool:
-        """True if the causes leave over three times the noise and 2 % of the force; over 20 % of the variance
-        that mass, damper, spring and a bias leave, unless that may be noise; much structure; or where the
-        noise is unknown over 3 % of the force, most of it predicted by its own past. Always False with a
-        quantised sensor, and where no more is left than the encoder's steps make.
+        """True if the model leaves more than three times the noise floor and than 2 % of the force, or
+        structure (`_structured_share`) of over 13.5 % of the variance that the simulation leaves. Where the
+        noise is not known also if the residual's own past predicts it, and it is over 3 % of the force or,
+        with causes, over 20 % of that variance. Always False with a quantised sensor, and where no more is
+        left than the encoder's steps make.
         """
         if any(fault.name == SensorQuantisation.name for fault in self.faults):
             return False
@@ -314,7 +316,8 @@ class Judge:
 
     def _replacements(self, name: str, closed: Container[str]) -> Iterator[tuple[str, ModelFit]]:
         """Yields name and refined fit of each form that is feasible, and on its grid near the fit's score, in
-        place of cause `name`. Leaves out causes in `closed`, and those kin to another cause of the model.
+        place of cause `name`. Leaves out causes in `closed`, those kin to another cause of the model, and
+        costly ones that are not worth adding.
         """
         rest, _ = self.without[name]
         worst = self.fit.score + _RIVAL + _NEAR * abs(rest.score - self.fit.score)
@@ -371,9 +374,9 @@ class Judge:
     def _is_weak(self, name: str) -> bool:
         """True if the cause gains too little on held-out blocks (lower end up to 3 %, of a second friction 10
         %, or no more than the encoder's steps make); if its intervals tell nothing (all sizes may be 0, a
-        ratio 1, a mode no peak); or if it was not repeated: a change of stiffness at rest with few reversals
-        beside it that gains below 90 %, any course over one way in and out, a rhythm that gains under 20 %
-        beside a function of the motion.
+        ratio 1, a mode no peak); or if the motion does not bear it out: a change of stiffness at rest with
+        few reversals before or after that gains below 90 %, a position map or drift without two reversals
+        in each half, a rhythm that gains under 20 % beside a function of the motion.
         """
         _, held_out = self.without[name]
         rubs = [other for other in self.fit.model if cause_class(other).rubs]
@@ -428,7 +431,9 @@ class Judge:
         return fits
 
     def _detectable(self) -> dict[str, float]:
-        """Least sizes, as `cause.parameter`, of causes of one term without a shape that would have shown."""
+        """Smallest size that the search would have found of each cause outside the model, by
+        `cause.parameter`; only of causes with one coefficient and no shape.
+        """
         known, _ = np.linalg.qr(self.regression.design(self.fit.model))
         variance, sizes = self.fit.rss / self.fit.n, {}
         for name in self.search.names:
@@ -470,9 +475,9 @@ class Judge:
         rivals: tuple[tuple[str, ...], ...] = (),
         suspected: Iterable[str] = (),
     ) -> Diagnosis:
-        """Diagnosis of that verdict with all its numbers. Lists causes where they are named; adds the flag
-        `slow_force` if `slow`. `motion`: to record next; `suspected`: named by the search, whatever the
-        verdict.
+        """Diagnosis of that verdict with all its numbers; with causes only where the verdict names any, with
+        the flag `slow_force` if `slow`. `motion`: to record next; `suspected`: named by the search,
+        whatever the verdict.
         """
         held = self.held_out
         return Diagnosis(

@@ -81,8 +81,8 @@ def liveliest(recording: Recording, length_s: float) -> slice:
 
 
 def _merged(faults: list[tuple[Cause, float]], total_s: float) -> Cause | None:
-    """Merges one fault found in several chunks, paired with their durations in s: means of its parameters,
-    rms over all of `total_s`. None for quantisation or mains hum in less than half of that time.
+    """Merges one fault found in several chunks, paired with their durations in s: means of its parameters;
+    rate and rms over all of `total_s`. None for quantisation or mains hum in less than half of that time.
     """
     longest, covered = max(faults, key=lambda pair: pair[1])[0], sum(duration for _, duration in faults)
     share = covered / total_s
@@ -182,8 +182,8 @@ class Whole:
 
     def searched(self) -> Analysis:
         """Analyses the liveliest stretch. If its model leaves 1.15 times that stretch's rms of all chunks, or
-        1.5 times of one, analyses stretches over the whole length too and returns what leaves less of all
-        chunks. Of several recordings joined it analyses a stretch of each at once.
+        1.5 times of one, analyses stretches over the whole length too and returns the analysis that leaves
+        less of all chunks. Of several recordings joined it analyses a stretch of each at once.
 
         Raises:
             RecordingError: no chunk has 50 samples that count.

@@ -164,13 +164,13 @@ def noise_floor(recording: Recording, force_n: Floats, unusable: Mask | None = N
     step_m = _encoder_step_m(recording.position_m[piece])
     motion_hz = _motion_ends_hz(position, step_m, rate_hz)
     for stretch_s in _STRETCHES_S:
-        floor = _above(force, position, step_m, rate_hz, stretch_s, motion_hz)
+        floor = _floor_above(force, position, step_m, rate_hz, stretch_s, motion_hz)
         if floor is not None:
             return None if floor.slope > _STEEPEST else floor
     return None
 
 
-def _above(
+def _floor_above(
     force: Floats, position: Floats, step_m: float, rate_hz: float, stretch_s: float, motion_hz: float
 ) -> NoiseFloor | None:
     """Noise floor fitted to the median spectrum, above `motion_hz`, of stretches of `stretch_s` without a
@@ -190,7 +190,7 @@ def _above(
         return None
     power = _spectra(np.stack([force[start : start + count] for start in starts]), _TREND)
     density = np.asarray(np.median(power, axis=0) / _OF_MEDIAN / rate_hz, dtype=np.float64)
-    return _fitted(frequency[above], density[above], len(starts))
+    return _fit_floor(frequency[above], density[above], len(starts))
 
 
 def _one_way(position: Floats, step_m: float, rate_hz: float, count: int) -> list[int]:
@@ -238,7 +238,7 @@ def _motion_ends_hz(position: Floats, step_m: float, rate_hz: float) -> float:
     return float(frequency[int(np.searchsorted(total, _MOTION_SHARE * total[-1]))])
 
 
-def _fitted(frequency: Floats, density: Floats, stretches: int) -> NoiseFloor:
+def _fit_floor(frequency: Floats, density: Floats, stretches: int) -> NoiseFloor:
     """Fits white + coloured f^-slope to a density in N^2/Hz averaged over bins; a steeper slope (0 to 6) only
     where it clearly betters the likelihood. `stretches`: number of spectra behind the density.
     """

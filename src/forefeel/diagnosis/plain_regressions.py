@@ -61,8 +61,8 @@ def look(signals: Signals, motion: MotionGrid) -> Look:
 def _direction(band: "_Band", whole: "_Band") -> tuple[float, bool]:
     """(sense, True if the spring pushes away). The sense is that in which mass, damper, spring and friction
     explain more, in the band or, where that is not clear, in the whole band; the spring pushes away (a weight
-    that stands upright, a magnet) if so it leaves under 70 % of what one that resists, at once or late,
-    leaves.
+    that stands upright, a magnet) if a fit that lets it leaves under 70 % of what a resisting spring, at once
+    or late, leaves.
     """
     for part in (band, whole):
         resisting, late, either = (
@@ -108,7 +108,7 @@ class _Band:
         force = signals.column(signals.force_spectrum() * gain)[rows]
         self.force = force - force.mean()
         table -= table.mean(axis=0)
-        beside = _beside(signals, gain)[rows]
+        beside = _further_columns(signals, gain)[rows]
         known, _ = np.linalg.qr(beside - beside.mean(axis=0))
         self.force, table = (u - known @ (known.T @ u) for u in (self.force, table))
         self._table = table / np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-300)
@@ -165,9 +165,9 @@ def _columns(signals: Signals, motion: MotionGrid) -> dict[str, list[Spectrum]]:
     }
 
 
-def _beside(signals: Signals, gain: Floats | float) -> Floats:
+def _further_columns(signals: Signals, gain: Floats | float) -> Floats:
     """The further columns on the coarse grid, with sine and cosine of an angle, and the directions in which
-    they move; shape (coarse samples, columns).
+    they move, each times `gain` by frequency; shape (coarse samples, columns).
     """
     table: list[Floats] = []
     for name, c in signals.fine_further.items():

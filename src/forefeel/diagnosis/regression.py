@@ -72,7 +72,7 @@ def _scale(gram: Floats) -> Floats:
 
 
 def solve_normal(gram: Floats, moment: Floats) -> tuple[Floats, float]:
-    """Normal equations: (coefficients, explained sum of squares); what depends on earlier columns gets 0."""
+    """Solves normal equations: (coefficients, explained sum of squares); a dependent column gets 0."""
     if not len(moment):
         return np.empty(0), 0.0
     scale = _scale(gram)
@@ -206,6 +206,7 @@ class RecordingRegression:
 
     def like(self, signals: Signals, fit: ModelFit | None = None) -> "RecordingRegression":
         """Regression of the same bench along another motion, with this one's band, noise, extent and look.
+        A further column of this one that `signals` lack is zero.
 
         `fit`: its damper, spring and constants make the force that columns may depend on, in place of the
         recorded one.
@@ -247,11 +248,13 @@ class RecordingRegression:
         """
         key = tuple(model.items())
         if key not in self._fits:
-            self._fits[key] = self._fitted(model)
+            self._fits[key] = self._solve_model(model)
         return self._fits[key]
 
-    def _fitted(self, model: Model) -> ModelFit:
-        """Computes what `fit` remembers; from the columns themselves where inner products cancel."""
+    def _solve_model(self, model: Model) -> ModelFit:
+        """Computes the least-squares fit that `fit` caches: by inner products of the whitened columns, or by
+        the columns themselves where the residual is so small that the products cancel.
+        """
         blocks = self._blocks(model)
         named = zip(["", *model], blocks, strict=True)
         owners = tuple(name for name, block in named for _ in range(block.columns.shape[1]))
@@ -266,9 +269,9 @@ class RecordingRegression:
         return ModelFit(model, coefficients, owners, max(rss, 1e-300), n, penalty, feasible)
 
     def lowest_scores(self, model: Model, tried: Mapping[str, Sequence[Shape]]) -> dict[str, Floats]:
-        """Lower bounds of the scores of the model with one of these causes more, at each of its shapes: those
-        of coefficients of any sign. -inf where none is known: the cause changes the columns of others, or
-        next to nothing is left.
+        """Lower bounds, by cause and shape, of the scores of the model with one of these causes more: those
+        with coefficients of any sign allowed. -inf where none is known: the cause changes the columns of
+        others, or next to nothing is left.
         """
         known, moved, n = self._blocks(model), frame(model, Changing), len(self.target)
         gram, moment = self._normal(known)
@@ -476,8 +479,8 @@ class RecordingRegression:
 
     def _feasible(self, model: Model, owners: tuple[str, ...], coefficients: Floats) -> bool:
         """True if every mode can show a peak, the causes' coefficients have the signs that their candidates
-        say, every form happens, every play is used on both sides, and zeros of the tip's force are near the
-        cell's offset.
+        say, the motion makes every form happen (`Form.happens`), every play is used on both sides, and zeros
+        of the tip's force are near the cell's offset.
         """
         if self.no_peak(model):
             return False

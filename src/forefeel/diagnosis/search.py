@@ -72,8 +72,8 @@ class Periods:
 
     def courses(self, fit: ModelFit, rhythm: Rhythm, count: int = 2) -> list[Shape]:
         """Shapes to try for a rhythm, from the `count` strongest lines of the residual times the rhythm's
-        last factor: of each line its frequency alone, unless the rhythm is `living`, then its rates along
-        time, by the phase of what is within 35 % of the line, if it has 12 cycles (7 of a `living` one).
+        last factor. Each line gives its frequency alone, except for a `living` rhythm, and its rates along
+        time, by the phase within 35 % of the line, if it has over 12 cycles (7 of a `living` one).
         """
         signals, motion = self.regression.signals, self.regression.motion(fit.model)
         *level, factor = rhythm.factors(motion)
@@ -205,7 +205,8 @@ class Refiner:
     def refined(self, fit: ModelFit, only: str | None = None, sweeps: int = 2, most: int = 70) -> ModelFit:
         """Returns the fit with shapes refined, cause by cause, in up to `sweeps` rounds while that helps: one
         shape by a bounded search between its neighbours on the grid, several of one cause jointly by a
-        simplex of at most `most` trials. `only`: the one cause that is refined.
+        simplex of at most `most` trials, a rhythm's course by Gauss-Newton steps. `only`: the one cause
+        that is refined.
         """
         names = [n for n, shape in fit.model.items() if shape and (only is None or n == only)]
         for sweep in range(sweeps if len(names) > 1 or any(len(fit.model[n]) > 1 for n in names) else 1):
@@ -484,8 +485,8 @@ class Search(Refiner):
     def _scan(
         self, fit: ModelFit, name: str, shapes: list[Shape], bounds: Floats, near: float
     ) -> ModelFit | None:
-        """Best feasible fit with one more cause at one of these shapes, of a score up to `near`; without
-        pulsations that echo the motion.
+        """Best feasible fit with one more cause at one of these shapes, of a score below `near`, or None;
+        without pulsations that echo the motion. Of what repeats a later shape has to be clearly better.
         """
         best: ModelFit | None = None
         periodic = isinstance(CANDIDATES[name], Periodic | Rhythm)
@@ -502,8 +503,8 @@ class Search(Refiner):
         return best
 
     def _shapes(self, fit: ModelFit, name: str) -> list[Shape]:
-        """Shapes to try for a cause: lines or waves of the residual, else of its grid, of a mode only those
-        that the motion resolves.
+        """Shapes to try for a cause: of what repeats the lines or waves of the residual, else those of its
+        grid, of a mode only those that the motion resolves.
         """
         if isinstance(CANDIDATES[name], Periodic):
             return self.periods.lines(fit)

@@ -434,8 +434,8 @@ _SLOW_MOTION, _SLOW_FORCE = 0.95, 0.99  # of the power of speed and force below 
 
 def cutoff_hz(recording: Recording, force_n: Floats) -> float:
     """Cutoff in Hz: 1.2 times the frequency below which lies 90 % of the force's power that goes with the
-    motion, within 30 Hz and 0.45 of the sampling rate; the lower end for a short piece. Less, what makes
-    `MOST_ROWS`, for a long recording that is slower than half of that.
+    motion, within 30 Hz and 0.45 of the sampling rate; the lower end for a short piece. A long recording
+    gets less, the cutoff at which it has `MOST_ROWS`, if motion and force are slower than half of that.
     """
     rate = recording.rate_hz
     most, least = WIDEST * rate, min(_LEAST_HZ, WIDEST * rate)

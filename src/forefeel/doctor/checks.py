@@ -101,9 +101,9 @@ def _load(files: Sequence[Path]) -> list[DaemonSettings]:
 
 
 def check_certificates(settings: DaemonSettings, host: HostProbe) -> Iterator[Finding]:
-    """Yields findings on the exposure of the endpoints, a key of the authority here, and the certificate.
-    Red: not secured towards a network, or a certificate that can not be used; amber: it expires soon, or the
-    authority's key is on this host. Without certificates only the first.
+    """Yields findings on the exposure of the endpoints, a key of the authority here, the certificate and its
+    names. Red: not secured towards a network, a certificate that can not be used, a name missing in it;
+    amber: it expires soon, or the authority's key is on this host. Without certificates only the first.
     """
     role, transport, group = settings.role, settings.transport, "certificates"
     try:
@@ -139,7 +139,7 @@ def check_certificates(settings: DaemonSettings, host: HostProbe) -> Iterator[Fi
 
 def _check_names(folder: Path, role: Role, party: Party, listen: Sequence[str]) -> Iterator[Finding]:
     """Yields a finding on the names in the certificate: red unless it names all addresses that are listened
-    at. Nothing when the daemon listens on this host alone.
+    at, for a wildcard any other host. Nothing when the daemon listens on this host alone.
     """
     from forefeel.pki.authority import hosts_of  # noqa: PLC0415 - loads the library of certificates
 
@@ -159,8 +159,8 @@ def _check_names(folder: Path, role: Role, party: Party, listen: Sequence[str]) 
 
 
 def check_network(settings: DaemonSettings, host: HostProbe) -> Iterator[Finding]:
-    """Yields a finding on each endpoint that is connected to, tried with our certificate, then on the clocks.
-    Red without any endpoint; nothing where the certificate can not be read.
+    """Yields a finding on each endpoint of `transport.connect`, tried with our certificate, then on the
+    clocks. Red without any endpoint; nothing where the certificate can not be read.
     """
     role, transport = settings.role, settings.transport
     if not transport.listen and not transport.connect:

@@ -82,7 +82,8 @@ def estop(  # noqa: PLR0913 - one parameter per option
     insecure: bool,
 ) -> None:
     """Stops a cell by its daemon on this host, else over the network, and prints the outcome. The network is
-    used without `config`, or when no daemon of that file answers and stops.
+    used without `config`, or when no daemon of that file answers and stops. A daemon stops all its axes,
+    whatever `axis` says.
 
     Raises:
         InputError: an option or a file is wrong, and no daemon beside us has stopped the cell.

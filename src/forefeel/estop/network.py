@@ -63,8 +63,8 @@ class Stopper:
             self.transport.subscribe_all(SLAVE_STATE.key(self.cell, "*"), self.hear)
 
     def hear(self, key: str, payload: bytes, receive_ns: int) -> None:
-        """Stores the state of an axis as text, and sets `news` where it differs from the one before. Ignores
-        other topics and what can not be decoded.
+        """Stores the state of an axis as text, with a remark if its latch is not on the disk; sets `news`
+        where it differs from the one before. Ignores other topics and what can not be decoded.
         """
         del receive_ns
         parsed = parse_key(key)
@@ -141,7 +141,7 @@ def stop_over_network(sender: StopSender, axes: tuple[str, ...], reason: str) ->
 
 def sender_of(config: Path, insecure: bool) -> StopSender:
     """Makes the sender of a stop by the settings file of a slave, a master or a viewer. For a daemon it has
-    the names of the axes and connects to all endpoints; for a viewer it has no axes.
+    the names of the axes, and connects also where the daemon listens; for a viewer it has no axes.
 
     Raises:
         ConfigurationError: it is of nobody who may stop a cell, or wrong.

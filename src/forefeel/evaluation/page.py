@@ -66,8 +66,8 @@ def headline(link: DelayedLink, recordings: Mapping[str, Evaluated]) -> str:
 
 
 def figures(evaluated: Evaluated) -> tuple[Figure, Figure]:
-    """Pictures of a typical stretch of 10 s, the one with the median error of forefeel, and of all scored
-    stamps; each shows forces and errors.
+    """Pictures of forces and errors: first of the stretch of 10 s with the median error of forefeel, without
+    the shorter last stretch; second of all scored stamps.
     """
     time_s, rows = evaluated.prepared.recording.time_s, evaluated.prepared.rows
     with np.errstate(over="ignore", invalid="ignore"):
@@ -157,8 +157,8 @@ def regime_text(score: RegimeScore) -> str:
 
 
 def in_words(link: DelayedLink, recordings: Mapping[str, Evaluated]) -> Iterator[RenderableType]:
-    """Yields what the terminal shows: tables by method, regime and delay, notes of each recording, headline
-    and disclaimer.
+    """Yields what the terminal shows: tables by method, by regime and, for several delays, by delay, the
+    notes of each recording, headline and disclaimer.
     """
     numbers = (*METHODS, "in the 95 % band", "forefeel's time offset")
     title = f"Error, rms and (its ratio to the zero-order hold), delay {link.delay_s:g} s"

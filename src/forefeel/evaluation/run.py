@@ -111,8 +111,8 @@ def _read(
 def _evaluate(
     prepared: dict[str, tuple[Prepared, Prepared]], model: ContactModel | None, links: Sequence[DelayedLink]
 ) -> dict[str, Evaluated]:
-    """Evaluates each recording by every method, with a line for each delay, and a bar on the terminal;
-    results by the file's stem.
+    """Evaluates each recording by every method and over every link; results by the file's stem. Prints a line
+    for each delay and shows a progress bar.
     """
     number = count()
     with bar(len(prepared) * len(links) * len(METHODS)) as show:

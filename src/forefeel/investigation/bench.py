@@ -151,8 +151,9 @@ class LiveBench:
         self.play(replace(motion, position_m=of.low_m + of.high_m - motion.position_m), out)
 
     def play(self, motion: Recording, out: Path) -> ForceLimitMet | None:
-        """Plays a motion and records it as `out`; ends it where the force limit is met. RunError: a key was
-        pressed, the slave stopped, or the master failed; `out` holds what was made until then.
+        """Plays a motion with a master of its own, whose settings it writes beside `out`, and records it as
+        `out`; ends it where the force limit is met. RunError: a key was pressed, a signal came, the slave
+        stopped, the motion did not end, or the master failed; `out` holds what was made until then.
         """
         config, cell = out.with_suffix(".yaml"), self._settings.cell
         master, axis = _of_axis(self._settings, self._axis.name)
@@ -213,7 +214,9 @@ def _of_axis(settings: DaemonSettings, name: str) -> tuple[dict[str, Any], dict[
 
 @contextmanager
 def _key_pressed() -> Iterator[Callable[[], bool]]:
-    """Function that tells whether a key was pressed while the body runs; never without a terminal."""
+    """Yields a function that is True once a key was pressed, always False without a terminal; the terminal
+    hands on single keys, without echo, until the body ends.
+    """
     if not sys.stdin.isatty():
         yield lambda: False
         return

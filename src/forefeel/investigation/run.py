@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.events.text import quantity
 from forefeel.common.recording.recording import Recording, joined
-from forefeel.diagnosis.excitation import ForceLimitMet, Limits, excited
+from forefeel.diagnosis.excitation import ForceLimitMet, Limits, play_excitation
 from forefeel.diagnosis.investigation import Investigation, investigate, judge
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
@@ -48,8 +48,8 @@ class InvestigationOptions:
 
 
 def run_investigation(files: Sequence[Path], out: Path | None, options: InvestigationOptions) -> None:
-    """Makes the motion to record next, or where `files` hold an answer, too, judges that; prints the result,
-    and writes it into `out`, by default a folder named after the first recording.
+    """Makes the motion to record next after the first of `files`, or, where a second is the record of that
+    motion, judges it; prints the result and writes it into `out`, by default `<stem of the first>-asked`.
 
     Raises:
         InputError: a recording can not be used, or more than two; nothing was written.
@@ -78,8 +78,9 @@ def run_investigation(files: Sequence[Path], out: Path | None, options: Investig
 def run_on_bench(
     bench: "SimulatedBench | LiveBench", question: Path | None, out: Path, options: InvestigationOptions
 ) -> None:
-    """Records the question where there is none, plays the motion, after a met force limit what is left of it,
-    and judges what came back; prints and writes it into `out`. A live bench asks for consent first.
+    """Records the first recording where `question` is None, works out the motion, plays it (each time that
+    the force limit ends it, what is left of it) and judges the records of that; prints the result and writes
+    it into `out`. Narrows `bench.limits` by the options. A live bench asks for consent first.
 
     Raises:
         InputError: limits beyond those of the settings, or a recording that can not be used.
@@ -99,7 +100,9 @@ def run_on_bench(
         parts: list[Recording] = []
 
         def play(motion: Recording, _limits: Limits) -> ForceLimitMet | None:
-            """Plays and records one part of the answer, reads it into `parts`, says where it ended early."""
+            """Plays and records one part of the answer, appends it to `parts`; prints and returns where the
+            force limit ended it.
+            """
             name = f"answer-{len(parts) + 1}.mcap"
             say(f"playing {motion.duration_s:.0f} s: {name}")
             met = bench.play(motion, out / name)
@@ -110,7 +113,7 @@ def run_on_bench(
                 say(f"the force limit was met at {place}; what is left is played up to there")
             return met
 
-        excited(asked.limits, options.duration_s, asked.question.rate_hz, play)
+        play_excitation(asked.limits, options.duration_s, asked.question.rate_hz, play)
         write_all(out, question_texts(asked), written)
         whole = replace(joined(parts, _APART_S), name="answer", source=parts[0].source, further=())
         _judge(asked, whole, out, written)

@@ -45,10 +45,10 @@ HAND_MAX_N = 4.0
 """Force in N that the hand is given at most."""
 _QUICKEST_M_S2 = 1000.0  # that the settings admit: coarse stamps let a velocity step farther in a millisecond
 _APPROACH_M_S = 0.03  # m/s, fastest approach to the recording's start
+# drawn lengths of the guide before its end, and of the vessel beyond the reach of the wire
+_GUIDE_MM, _BEYOND_MM = 30.0, 10.0
 # A simulated world says where its wall begins and not how wide it is: radii in those of the instrument,
 # wider up to there and narrower beyond, for the wall resists more the deeper.
-# that are drawn of the guide, and of a vessel beyond what the wire reaches
-_GUIDE_MM, _BEYOND_MM = 30.0, 10.0
 _ENTRANCE, _INSTRUMENT, _DEEPEST = 2.6, 1.0, 0.7
 
 
@@ -110,8 +110,8 @@ class Plan:
         return {**self.metadata, **drawn, "slave_axis": axis.model_dump_json()}
 
     def vessel(self) -> VesselSettings | None:
-        """Vessel of the simulated world, for the picture; None where recorded forces or an engine of others
-        take its place, unless that has a vessel of our settings.
+        """Vessel to draw of the simulated world; None where recorded forces or another engine take its place,
+        unless that is the guidewire by MuJoCo.
         """
         axis = self.slave_settings().axes[0]
         world = axis.simulation.world
@@ -153,7 +153,9 @@ def _vessel(world: WorldSettings, axis: str) -> VesselSettings:
 
 
 def _bent_vessel(simulation: WorldSettings, world: GuidewireSettings, axis: str) -> VesselSettings:
-    """Vessel to draw, in mm, behind the end of its guide, as far as the wire reaches."""
+    """Curved vessel to draw of a guidewire's world, in mm from the end of the guide: from `_GUIDE_MM` before
+    it to `_BEYOND_MM` beyond the reach of the wire.
+    """
     from forefeel.devices.mujoco.path import vessel_path  # noqa: PLC0415 - it loads scipy
 
     tip_mm = 1e3 * (world.inserted_m - simulation.stage.start_m)
@@ -267,7 +269,7 @@ def _axes(options: LoopbackOptions) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def _world_file(name: str) -> WorldFile:
-    """The world of a file, or of those that are installed. ConfigurationError: none, or a mistake in it."""
+    """Loads an installed world by name, else a YAML file. ConfigurationError: none, or a mistake in it."""
     ours = {path.name.removesuffix(".yaml"): path for path in OUR_WORLDS.glob("*.yaml")}
     path = ours.get(name, Path(name))
     if path.suffix != ".yaml" and not path.exists():
@@ -331,7 +333,9 @@ def _source(options: LoopbackOptions) -> dict[str, Any]:
 
 
 def _refuse_world_options(options: LoopbackOptions) -> None:
-    """Raises ConfigurationError for an option of the simulated instrument: recorded forces take its place."""
+    """Raises ConfigurationError for `--preset`, `--world`, `--slave-model`, `--hide` or `--prior-dir`:
+    recorded forces take the place of the simulated instrument.
+    """
     for option, value in (
         ("--preset", options.preset),
         ("--world", options.world),
@@ -418,8 +422,8 @@ def resisting_sign(recording: "Recording") -> Literal[1, -1]:
 
 
 def recording_limits(recording: "Recording", world_max_n: float) -> dict[str, Any]:
-    """Limits of an axis, by name of its settings, that let the recorded motion through: range, speed, steps
-    of speed, force, with margins.
+    """Limits of an axis, by name of its settings, that let the recorded motion through: range, speed, force,
+    and acceleration by the largest step of speed between samples, as in 1 ms; all with margins.
 
     `world_max_n`: the force limit where no force was recorded.
     """

@@ -100,7 +100,7 @@ def _unsigned(
     signer: x509.SubjectKeyIdentifier,
 ) -> x509.CertificateBuilder:
     """Builder of a certificate, not signed yet, with subject, issuer, key, period from an hour before `now`
-    to `end`, and the identifiers of both keys; `signer`: that of the issuer's.
+    to `end`, and the identifiers of both keys; `signer`: that of the issuer's key.
     """
     signed_by = x509.AuthorityKeyIdentifier.from_issuer_subject_key_identifier(signer)
     return (

@@ -99,7 +99,7 @@ def _issue(
     now: datetime,
 ) -> str:
     """Makes key and certificate of a party, or renews a certificate, with its old key, that ends within 30
-    days or names other hosts; returns `new`, `renewed` or `unchanged`. `hosts` None: those it has.
+    days or whose hosts are not `hosts`; returns `new`, `renewed` or `unchanged`. `hosts` None: those it has.
     ConfigurationError: the old certificate can not be read, or is not on an elliptic curve.
     """
     path = inside / f"{party.role}.crt"

@@ -274,9 +274,9 @@ def _parameter(traces: AxisTraces, known: ParameterTraces, index: int) -> Layer:
 
 
 def story(part: AxisReport) -> tuple[str, list[str]]:
-    """Headline on the error of the felt force (of the predicted one where no scale to the hand was recorded)
-    beside the late one's, and sentences of detail; none, and a headline that says so, where no force was
-    judged.
+    """(headline, sentences of detail) on the error of the felt force beside that of the late one; on the
+    predicted force where no felt one could be scored. Where no force was judged the headline says so, and
+    there are no sentences.
     """
     twin, measured = part.transparency, part.transparency_as_measured
     felt = twin or measured

@@ -44,7 +44,8 @@ def first_answers(
     answer_stamp_ns: NDArray[Any],
 ) -> Indices:
     """Index, for each command, of the force that answers it first by the slave's stamps; -1: none does. A
-    force answers the newest command up to the motion that it names.
+    force answers the newest command of its session up to the motion that it names, unless that command is
+    5 ms or more older than the motion.
 
     Args:
         commands: (session ids, stamps in ns) of n commands, in any order.

@@ -49,9 +49,9 @@ def session_end_ns(
 ) -> int:
     """Time in ns at which the last session ended; the slave could not have been armed after that.
 
-    It is `wanted_ns` where the master let go by its own choice: the slave's last exit from following was a
-    release, and only its rest came after it until `heard_ns`. Else, and without any exit, it is `heard_ns`:
-    after another stop the master wants the session back.
+    It is `wanted_ns` where the operator let go: the slave last left following by a release, and until
+    `heard_ns` no event but its coming to rest followed. Else, and without any exit, it is `heard_ns`: after
+    another stop the master wants the session back.
 
     Args:
         transitions: of the slave's safety state, with their times, in order.
@@ -68,9 +68,9 @@ def session_end_ns(
 
 
 def armed_share(states: list[Span], end_ns: int, clutched_s: float) -> float | None:
-    """Time armed over the time that could have been, until `end_ns`: from the first arming, or from START_S
-    after the session was opened if that is earlier, less `clutched_s`. None when never armed, or without such
-    a time.
+    """Share of the possible time in which the slave was armed. Possible is the time until `end_ns` from the
+    first arming, or from START_S after the session was opened if that is earlier, less `clutched_s`. None
+    when never armed, or when no time was possible.
 
     Args:
         states: spans of the slave's safety state.

@@ -260,8 +260,8 @@ def _calibrations(run: Run, axis: str) -> tuple[dict[str, str | float], ...]:
 
 
 def _notes(run: Run, axis: str, commands: ScoredCommands, handshake: Handshake | None) -> tuple[str, ...]:
-    """Notes for the reader: an end without messages, caveats, why nothing was judged, a refused session,
-    units of a rotation, a cut end; empty where there are none.
+    """Notes for the reader: a master or slave without messages, caveats, why nothing was judged, a refused
+    session, units of a rotation, a recording cut short; empty where there are none.
     """
     notes = []
     for role in "master", "slave":

@@ -102,8 +102,8 @@ def transparency(felt_n: Floats, held_n: Floats, true_n: Floats) -> Transparency
 
 
 def against_twin(run: Run, axis: str, commands: CommandTraces) -> Transparency | None:
-    """Transparency of one axis by the twin; None where its simulated world was not recorded, or no command
-    was followed.
+    """Scores the force felt at one axis against that of the twin; None where the settings of its simulated
+    world were not recorded, no command was followed, or none can be scored.
     """
     try:
         settings = SlaveAxisSettings.model_validate_json(run.metadata.get("run", {})["slave_axis"])
@@ -120,8 +120,9 @@ def as_measured(run: Run, axis: str, commands: CommandTraces) -> Transparency | 
 
 
 def _scored(run: Run, axis: str, commands: CommandTraces, contact_n: Floats) -> Transparency | None:
-    """Scores the followed commands by `contact_n`, N at the contact; None where no row has all forces, or the
-    recording does not tell the scale of the force to the hand.
+    """Scores felt and held force of the followed commands against `contact_n`, the true force in N at the
+    contact, and finds their time offsets; None where no row has all forces, or the scale of the force to the
+    hand was not recorded.
     """
     scale = _force_scale(run, axis)
     rows = commands.followed & np.isfinite(scale * contact_n)
@@ -136,7 +137,7 @@ def _scored(run: Run, axis: str, commands: CommandTraces, contact_n: Floats) -> 
 
 
 def _force_scale(run: Run, axis: str) -> float:
-    """Scale of the force to the hand; NaN where it was not recorded."""
+    """Newest scale of the force to the hand, from the master's reports, else the metadata; NaN without."""
     newest = run.column(axis, MASTER_STATE, "force_scale")[-1:].astype(np.float64)
     if (newest > 0.0).any():
         return float(newest[0])
@@ -148,7 +149,7 @@ def _force_scale(run: Run, axis: str) -> float:
 
 def _true_n(run: Run, axis: str, settings: SlaveAxisSettings) -> Floats:
     """Force of the twin in N for each row of the commands' traces, the recorded commands played to it in
-    order; NaN where the command was not recorded, and from where an engine of others has failed.
+    order; NaN where the command was not recorded, and for all from the first DeviceError of the world on.
     """
     stamp_ns, sequence = (run.column(axis, FORCE, name) for name in ("stamp_ns", "sequence"))
     # a force is sent in each tick, the first when the world begins

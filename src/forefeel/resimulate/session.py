@@ -30,12 +30,12 @@ from forefeel.master.prediction import ForcePrediction, IdentificationTask
 
 
 def resimulate(run: Run, axis: str) -> tuple[Floats, int]:
-    """Predictions, and lower and upper ends of their bands, in N and (3, n) by haptic sample, NaN for none;
-    and the number of messages that the replay needs and the recording lacks.
+    """Predicts a recorded session anew. Returns predictions with lower and upper ends of their bands in N,
+    (3, n) for n haptic samples, NaN for none; and the number of messages that the recording lacks.
 
     Raises:
-        RecordingError: no session, one that has begun before the recording, or what it started from or
-            knew is not in it.
+        RecordingError: no session, one that has begun before the recording, or one whose prior or limits, or
+            the forces that its predictions knew, were not recorded.
     """
     where, samples = f"{run.path}: axis {axis}", list(run.messages(axis, HAPTICS)) if axis in run.axes else []
     if not samples:
@@ -73,7 +73,7 @@ class _Session:
     """Prediction and identification of one axis of a run."""
 
     def __init__(self, run: Run, axis: str) -> None:
-        limits, prior, model = _start(run, axis)
+        limits, prior, model = _starting_point(run, axis)
         self.fit_late, self.lost = False, 0
         self._prediction = ForcePrediction(limits)
         learner = Learner(self._prediction.evaluator, prior, model, self._solve)
@@ -86,9 +86,9 @@ class _Session:
         self._sequence = self._number = self._drained = 0
 
     def tick(self, sample: HapticSample, command: MotionCommand | None) -> Estimate | None:
-        """Predicts one haptic sample anew from what the recorded one knew, after the run of the
-        identification whose snapshot that used. None where its command was not recorded, or opens the
-        gripper, which resets the prediction. Adds messages that are missing to `lost`.
+        """Predicts one haptic sample anew from the forces that the recorded prediction knew; first runs the
+        identification, if that used a new snapshot. None where the command was not recorded, or opens the
+        gripper, which resets the prediction. Adds the number of missing messages to `lost`.
         """
         taken = [self._forces.get((sample.session_id, sequence)) for sequence in sample.forces]
         self.lost += taken.count(None) + (command is None) + sample.sequence - self._sequence - 1
@@ -114,8 +114,8 @@ class _Session:
         return self._prediction.predict(*motion, self._task.snapshot, self._newest)
 
     def _identify(self, sample: HapticSample) -> None:
-        """Learns from the forces that the sample's snapshot has more than the one before. Several runs
-        between two ticks are one.
+        """Runs the identification once with the waiting forces that the sample's snapshot newly contains,
+        also where several runs made it; does nothing where the snapshot is the one before.
         """
         if sample.snapshot == self._number:
             return
@@ -132,7 +132,7 @@ class _Session:
         return future
 
 
-def _start(run: Run, axis: str) -> tuple[AxisLimits, ContactPrior | None, ContactModel | None]:
+def _starting_point(run: Run, axis: str) -> tuple[AxisLimits, ContactPrior | None, ContactModel | None]:
     """Limits on which both ends agreed; prior and model that the session started from, None without.
 
     Raises:

@@ -95,8 +95,9 @@ def force_of_cause(regression: RecordingRegression, fit: ModelFit, name: str) ->
 
 
 def response(regression: RecordingRegression, fit: ModelFit, name: str) -> tuple[Floats, Floats]:
-    """Frequencies in Hz, and measured force over that of the model without `name`, complex, where their
-    coherence is above 0.8; on the longest piece without gaps. Causes in the readings are taken out of both.
+    """Frequencies in Hz, and at each the complex ratio of the measured force to that of the model without
+    `name`; only where their coherence is above 0.8 and within the pass-band, on the longest piece without
+    gaps. Causes in the readings are taken out of both.
     """
     rest = {other: shape for other, shape in fit.model.items() if other != name}
     signals = regression.signals

@@ -60,7 +60,9 @@ def question_lines(asked: Investigation) -> list[str]:
 
 
 def answer_lines(judged: Judged) -> list[str]:
-    """Lines for the terminal: the answer's verdict as of a diagnosis, its confirmation, what bounded it."""
+    """Lines for the terminal: the diagnosis that stands, its confirmation on the other recording and, where
+    it names no cause, the range, speed and acceleration that its recording reached.
+    """
     recording, diagnosis = judged.diagnosed.recording, judged.diagnosed.diagnosis
     *lines, disclaimer = diagnosis_lines(recording, diagnosis, None)
     if judged.refused is not None:  # it explained the answer, and is told below

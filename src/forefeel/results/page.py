@@ -100,8 +100,8 @@ def _draw(draw: Callable[[], Figure]) -> Figure:
 
 
 def worst_stretch(t: Floats, error_n: Floats, length_s: float = _WORST_S) -> tuple[float, float]:
-    """Begin and end, in s since the start, of the slot of `length_s` with the largest mean square error.
-    Slots lie end to end from the first row; one with half the rows of the fullest or fewer does not count.
+    """Begin and end, in s as in `t`, of the slot of `length_s` with the largest mean square error. Slots lie
+    end to end from the first row; one with half the rows of the fullest or fewer does not count.
     """
     error = error_n**2
     stretch = np.floor((t - t[0]) / length_s).astype(np.int64)

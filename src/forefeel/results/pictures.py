@@ -117,8 +117,8 @@ def _contact(of: Component) -> Specs:
 
 
 def _since(of: Component) -> Specs:
-    """Canvas of residual and cause over the distance since reversal, turned by direction, so that both
-    branches lie on each other and positive resists; the furthest distances are left out.
+    """Canvas of residual and cause over the distance since reversal, the forces multiplied by the direction,
+    so that both branches lie on each other and positive resists; the furthest distances are left out.
     """
     length = max(of.shape, default=0.0)
     direction, since = (values[of.curves.rows] for values in since_reversal(of.curves, _TREMOR * length))
@@ -171,8 +171,8 @@ def spectrum(curves: Curves, parts: Sequence[Part], *peaks_hz: float) -> Specs:
 
 
 def _phase(of: Component) -> Specs:
-    """Canvases over the frequency of phase and size of the measured force over the model's without the cause,
-    where both go together, beside the law of the cause.
+    """Canvases of phase and size of the ratio of the measured force to the model's without the cause, over
+    the frequencies where both are coherent, beside the law of the cause.
     """
     frequency, ratio = response(of.curves.analysis.regression, of.curves.analysis.fit, of.name)
     hz = np.linspace(0.0, float(frequency.max(initial=1.0)), 400)

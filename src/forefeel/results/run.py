@@ -37,8 +37,9 @@ def run_diagnosis(
     scheduler: str | None,
     overwrite: bool,
 ) -> None:
-    """Diagnoses a file, or every recording of a folder; prints the answer and writes the results into `out`,
-    by default a folder named after the first source. `together`: one answer to all sources.
+    """Diagnoses a file, or every recording of a folder; prints the answer, writes the results into `out`, by
+    default a folder named after the first source, and may suggest the next command. `together`: one answer to
+    all sources.
 
     The answer is printed and written before the page is drawn.
 
@@ -83,8 +84,8 @@ def run_diagnosis(
 
 
 def draw(page: Callable[[], str], name: str, out: Path, written: list[str]) -> None:
-    """Draws the page by calling `page`, and writes it into `out`. A drawing that fails is told in one line,
-    not raised, for the diagnosis is there; RunError where the file can not be written.
+    """Draws the page by calling `page`, and writes it into `out`. A RunError of `page` is printed, not
+    raised, for the diagnosis is there; RunError where the file can not be written.
     """
     try:
         stages(name)("report")

@@ -189,9 +189,9 @@ def attempt(task: Task) -> TaskOutcome:
 
 
 def _examine(task: Task, tell: Tell) -> tuple[Result, Callable[[], str]]:
-    """Reads, diagnoses and, if a cause is named and `task.replay`, predicts; returns the result and a
-    function that draws its page, as `examine` does. Raises errors as they are; ConfigurationError where the
-    given model's force is not finite. `tell` gets each stage.
+    """Reads and diagnoses; predicts, if a cause is named and with `task.replay`; replays the model on
+    `task.confirm`, if given. Returns the result and a function that draws its page, as `examine` does. Raises
+    errors as they are; ConfigurationError where the given model's force is not finite. `tell` gets stages.
     """
     tell("reading")
     files = [task.file, *task.beside, *([task.confirm] if task.confirm else [])]

@@ -122,7 +122,7 @@ def labelled(lines: Iterable[tuple[str, str]]) -> tuple[str, ...]:
 def answer_lines(
     diagnosis: Diagnosis, across: "Across | str | None", given: str | None = None
 ) -> list[tuple[str, str]]:
-    """Label and text of each line of an answer, on the terminal and on the page; no label: it goes on.
+    """(label, text) of each line of an answer, for terminal and page; an empty label continues the last one.
 
     `given`: name of the simulation. `across`: the prediction, or why it failed.
     """
@@ -135,7 +135,7 @@ def answer_lines(
         *(("Cause", _cause(cause)) for cause in diagnosis.causes),
         ("Extended", [_extended(diagnosis, given)] if extended else []),
         ("Follows", follows_texts(diagnosis)),
-        ("Would show", _would_show(diagnosis)),
+        ("Would show", _detectable_sizes(diagnosis)),
         ("Elsewhere", _elsewhere(diagnosis.other_motion)),
         ("Predicted", _predicted(diagnosis, across) if extended else []),
         ("Model", _model(diagnosis)),
@@ -221,7 +221,7 @@ def _extended(diagnosis: Diagnosis, given: str | None) -> str:
 
 
 def follows_texts(diagnosis: Diagnosis) -> list[str]:
-    """Lines on how much is left and the variables that it follows; empty where that is no structure."""
+    """Lines on the rms residual and the variables that explain a share of it; empty where none does."""
     if not diagnosis.follows:
         return []
     first, *more = (f"{of.variable} {100.0 * of.share:.0f} %" for of in diagnosis.follows)
@@ -230,8 +230,8 @@ def follows_texts(diagnosis: Diagnosis) -> list[str]:
     return [f"{left}; most of it at {low} to {high}", *([f"then {', '.join(more)}"] if more else [])]
 
 
-def _would_show(diagnosis: Diagnosis) -> list[str]:
-    """Line on up to three least sizes that would have shown, a bias aside; empty without any."""
+def _detectable_sizes(diagnosis: Diagnosis) -> list[str]:
+    """Line on up to three absent causes, no bias, with the least size detectable here; empty without any."""
     sizes = []
     for name, size in diagnosis.detectable.items():
         cause, parameter = name.split(".")

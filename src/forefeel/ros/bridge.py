@@ -113,8 +113,8 @@ class Commands:
         self.stop_until_ns = 0
 
     def servo_jp(self, axis: str, payload: bytes, writer: bytes) -> None:
-        """Sends a position to the socket of the axis' handle. Refuses a malformed one, one without a handle,
-        and those of a second node until the first has been silent for 1 s.
+        """Sends a JointState's position and velocity to the socket of the axis' handle. Refuses a malformed
+        one, one without a handle, and those of a second node until the first has been silent for 1 s.
         """
         now_ns = self._clock.now_ns()
         newest = self._writers.get(axis, (writer, 0))
@@ -192,7 +192,7 @@ class Node:
 
     def look(self, now_ns: int) -> None:
         """Repeats a stop that is wanted; each second publishes the diagnostics and reports missing readers.
-        Checks the options' handles once, when an axis is heard, after 5 s at the earliest.
+        Prints once which handles of the options are missing, when an axis is heard, not before 5 s.
         """
         self.commands.repeat_stop(now_ns)
         if now_ns >= self._due_ns:

@@ -138,7 +138,7 @@ class _Reader:
         self.text()
 
     def take(self, codes: str) -> tuple[float, ...]:
-        """Reads primitives of one size. CodecError: the bytes end before."""
+        """Aligns, then reads the values of struct `codes` of one size. CodecError: the bytes end before."""
         form, size = _form(codes)
         self._at += -self._at % size
         try:

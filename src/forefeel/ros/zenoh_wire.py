@@ -64,7 +64,7 @@ class ZenohWire:
         return send
 
     def subscribe(self, topic: str, kind: RosType, take: Take) -> None:
-        """Declares a subscriber with its token; `take` is called in a thread of Zenoh."""
+        """Declares a subscriber with its token; a thread of Zenoh calls `take` (CDR bytes, writer's id)."""
 
         def receive(sample: zenoh.Sample) -> None:
             attachment = sample.attachment.to_bytes() if sample.attachment else b""
@@ -86,7 +86,7 @@ class ZenohWire:
         return sum(self._topics.get(token.split("/")[9]) == token.split("/")[11] for token in self._readers)
 
     def remarks(self) -> list[str]:
-        """Lines, each once, on readers that ask for more than they get."""
+        """Lines, each once, on readers that expect another type, or ask for transient local."""
         lines = []
         for token in self._readers:
             *_, node, topic, _, type_hash, qos = token.split("/")
@@ -105,7 +105,7 @@ class ZenohWire:
 
     @property
     def silence(self) -> str:
-        """Text on why nobody may be reading."""
+        """Text on why nobody may be reading: the router is gone, else what nodes need to be set to."""
         if not self._session.info.transports():
             return f"the router at {self._endpoint} is gone"
         return (

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.excitation import ForceLimitMet, Limits, excited
+from forefeel.diagnosis.excitation import ForceLimitMet, Limits, play_excitation
 from tests.hidden_effects.generator import OUTSIDE_NAMES, VOCABULARY, Hidden, Noise, Truth, drawn_pairs
 from tests.hidden_effects.generator.draw import _drawn_base, _drawn_forms, sized
 from tests.hidden_effects.generator.motion import BEFORE_S, RATE_HZ, STEP_S, Motion, drawn_motion, log_uniform
@@ -101,7 +101,7 @@ class Bench:
             paths.append(_braked(path[:at], limits))
             return ForceLimitMet(at / 1000.0, float(path[at]), bool(force_n[at] > 0.0))
 
-        excited(limits, duration_s, RECORDED_HZ, play)
+        play_excitation(limits, duration_s, RECORDED_HZ, play)
         return self._moved(np.concatenate(paths))
 
     def _force(self, path: Array) -> Array:

@@ -81,9 +81,9 @@ class AsciiCell(Cell):
     # --- asking ---
 
     def due(self, now_ns: int) -> bytes:
-        """Returns the request once a period, empty bytes in between, and always if the cell streams by
-        itself. The first call returns a carriage return, and the requests begin 0.1 s later. After one
-        without an answer it waits two periods, at least 40 ms, and counts it as `unanswered`.
+        """Returns the bytes to send now: the request once a period, none in between, never any to a cell that
+        streams by itself. The first call returns a carriage return, and the requests begin 0.1 s later. After
+        one without an answer it waits two periods, at least 40 ms, and counts it as `unanswered`.
         """
         if not self._request:
             return b""
@@ -108,8 +108,8 @@ class AsciiCell(Cell):
 
     def take(self, data: bytes, now_ns: int) -> list[Native]:
         """Returns the measurements of the lines that are complete now, oldest first, several at once stamped
-        a period apart, and counts the request as answered. Of a cell that is asked, drops what still streams
-        before the first request.
+        a period apart. Any of them answers the request that is open. Where the cell is sent requests, bytes
+        before the first one are dropped.
         """
         if self._request and self._asked_ns is None:
             return []  # a stream that has not ended yet
@@ -123,8 +123,8 @@ class AsciiCell(Cell):
 
     def _native(self, line: AsciiReading, arrived_ns: int, now_ns: int) -> Native:
         """Returns the measurement of a line, stamped when it began to arrive: `arrived_ns` less its time on
-        the wire. Stamps increase up to `now_ns`, which is noted for the rate; counts at an end of the range
-        are `overrange`.
+        the wire, but later than the last stamp and at most `now_ns`. Counts at an end of the range have
+        the flaw `overrange`. Notes `now_ns` for the rate.
         """
         self._arrived.append(now_ns)
         stamp_ns = arrived_ns - round(line.size * self._byte_ns)

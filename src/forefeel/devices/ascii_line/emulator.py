@@ -25,7 +25,9 @@ class EmulatedLineCell:
         self._force_n = 0.0
 
     def receive(self, data: bytes, t_s: float) -> None:
-        """Advances the cell to `t_s`, then answers each command that a carriage return ends."""
+        """Advances the cell to `t_s`, then obeys each command that a carriage return ends; the answers wait
+        for `advance`.
+        """
         self._live(t_s)
         for byte in data:
             if byte == 0x0D:
@@ -49,7 +51,9 @@ class EmulatedLineCell:
                 self._out += self._line()
 
     def _obey(self, command: str) -> None:
-        """Answers the request with a line, an empty command with `A`; nothing where the cell streams."""
+        """Answers the request with the newest force, an empty command with `A`; ignores other commands, and
+        all where the cell streams.
+        """
         if self._request is None:
             return
         if not command:

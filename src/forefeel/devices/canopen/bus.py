@@ -14,8 +14,8 @@ for _name in ("can", "canopen"):  # what they log reaches the user as an error o
 
 
 def open_bus(settings: CanSettings) -> can.BusABC:
-    """Opens the CAN bus that the settings name: slcan by our own `SlcanBus`, others by python-can.
-    DeviceSetupError: it can not be opened; the text is one line.
+    """Opens the CAN bus that the settings name: slcan by our own `SlcanBus`, others by python-can, without
+    setting their bitrate. DeviceSetupError: it can not be opened; the text is one line.
     """
     where = f"{settings.interface} {settings.channel}"
     try:

@@ -32,7 +32,7 @@ class SlcanAdapter:
 
     def receive(self, data: bytes) -> tuple[list[bytes], bytes]:
         """Takes bytes of the host; returns (frames for the bus, answers for the host). A frame while open, or
-        a command, is answered with a carriage return, any other line with a bell.
+        a command that is obeyed, is answered with a carriage return, any other line with a bell.
         """
         frames, answers = [], bytearray()
         for line in self._lines.feed(data):
@@ -69,7 +69,7 @@ class CanHub:
         self._on_wire = deque[tuple[float, int, bytes]]()  # (when it is complete, sender, frame)
 
     def provoke(self, fault: str) -> None:
-        """Unplugs the first adapter, which closes its channel, or plugs it in again."""
+        """Unplugs the first adapter (`unplug`), which closes its channel, or plugs it in again (`plug`)."""
         port = self._ports[0]
         if fault == "unplug":
             port.pty.unplug()

@@ -136,8 +136,8 @@ _lock = Lock()
 
 
 def acquire(settings: CanSettings) -> SharedNetwork:
-    """Opens the bus, or shares the network that has it open; `release` it once for each call.
-    DeviceSetupError: the bus can not be opened, or is open with another bitrate.
+    """Shares the network that has the bus open; opens it anew where none has, or that one has failed.
+    `release` it once for each call. DeviceSetupError: it can not be opened, or has another bitrate.
     """
     key = settings.interface, settings.channel
     with _lock:

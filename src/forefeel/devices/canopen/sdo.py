@@ -126,7 +126,8 @@ class RemoteDevice:
 
     def _try(self, what: str, entry: ObjectEntry, data: bytes | None) -> bytes:
         """Returns the bytes of an entry; with `data` writes that to it instead, and returns b"". Three
-        attempts. `_SilentError`: no answer to any; `_RefusedError`: abort; DeviceError: the bus failed.
+        attempts. `what`: the verb for errors. `_SilentError`: no answer to any; `_RefusedError`: the device
+        refuses, at once; DeviceError: the bus failed.
         """
         for left in reversed(range(_TRIES)):
             self._shared.check()

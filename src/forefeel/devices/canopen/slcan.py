@@ -28,9 +28,9 @@ _FRAME = re.compile(rb"(?:[tr][0-7]H{2}|[TR][01]H{7})([0-8])(H*)".replace(b"H", 
 
 
 def frame_of(line: bytes) -> bytes | None:
-    """The frame at the end of a line, without its time stamp; None unless every character is as it must be.
+    """Returns the frame that a line ends with, without its time stamp; None unless it is whole and valid.
 
-    A frame that is glued to a truncated one is found: its letter can not be a digit of another.
+    What stands before it, such as a truncated frame, is ignored: its letter can not be a digit of another.
     """
     start = max(0, *(line.rfind(letter) for letter in b"trTR"))
     match = _FRAME.fullmatch(line, start)
@@ -54,8 +54,8 @@ class Lines:
         self._skipping = False
 
     def feed(self, data: bytes) -> list[bytes]:
-        """Returns the lines that are complete now, in order, none of them empty; a bell ends a line, too. A
-        line that grows beyond 64 bytes is dropped and counted.
+        """Returns the lines that are complete now, in order, none of them empty. A bell ends a line, too, and
+        is counted. An incomplete line of more than 64 bytes is dropped and counted.
         """
         self.counts["bells"] += data.count(BELL)
         *complete, self._rest = (self._rest + data).replace(BELL, OK).split(OK)

@@ -338,7 +338,9 @@ class DriveWire:
         return received
 
     def _on_state(self, can_id: int, data: bytearray, stamp: float) -> None:
-        """Stores the readback of a TPDO for `take`; only counts one of a wrong length or implausible."""
+        """Stores the readback of a TPDO for `take`, and its delay after our SYNC in the link; only counts one
+        of a wrong length or with an implausible position.
+        """
         del can_id, stamp
         values = self._state.unpack(data)
         counters, now_ns = self._link.counters, self._clock.now_ns()

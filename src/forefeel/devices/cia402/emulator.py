@@ -111,7 +111,7 @@ class DriveHoming:
 
     def start(self, position_m: float) -> float | None:
         """Begins the search for the switch, or fails if method, speeds or acceleration are not set; returns
-        None. Where the method moves nothing, homing is attained at once: returns the reference, `position_m`.
+        None. Where the method moves nothing, homing is attained at once: returns `position_m`, the origin.
         """
         if self._objects[cia402.HOMING_METHOD] in HERE:
             self.phase = HomingPhase.ATTAINED
@@ -127,9 +127,9 @@ class DriveHoming:
             self.phase = HomingPhase.IDLE
 
     def step(self, position_m: float, velocity_m_s: float) -> float | None:
-        """Moves `reference_m` on by one step, and homing on from search to leaving the switch to rest.
-        Returns the reference in m at the step that leaves the switch, else None. Fails at an end without
-        switch.
+        """Moves `reference_m`, the servo's target, by one step, and advances the phase: searches the switch,
+        leaves it, comes to rest. Returns `position_m`, the new origin, at the step that leaves the switch,
+        else None. Homing fails at an end without a switch.
         """
         reference_m, wanted_m_s = None, 0.0
         way = -1 if self._objects[cia402.HOMING_METHOD] == NEGATIVE_SWITCH else 1
@@ -327,7 +327,7 @@ class DriveModel:
             self._step(self._t_s)
 
     def _reference_m(self, t_s: float) -> tuple[float, float]:
-        """Position in m and velocity in m/s that the servo is to have then: interpolated, or of homing."""
+        """Target of the servo at `t_s`, (m, m/s): interpolated, at rest after the period, or of homing."""
         if self.mode == cia402.HOMING:
             return self.homing.reference_m, self.homing.velocity_m_s
         share = (t_s - self._synced_s) / self._period_s
@@ -471,7 +471,7 @@ class Drive402(CanopenDevice):
 def build(settings: Cia402Settings, around: Surroundings, leave: ExitStack) -> Drive402:
     """Builds the emulated drive on its CAN bus, for `Emulation`; its motion moves the simulated vessel.
 
-    Its limit switches lie beyond the travel; the one that it is homed to lies where the settings have it.
+    Its limit switches lie beyond the travel; the one that it is homed to at `home_m`, if that does, too.
     """
     low_m, high_m = sorted(settings.sign * end_m for end_m in settings.travel_m)
     home_m, method = settings.sign * settings.homing.home_m, settings.homing.method

@@ -231,8 +231,7 @@ class Cia402Homing:
     # --- the way from end to end ---
 
     def _go(self, targets_m: Sequence[float], velocity_m_s: float) -> list[float]:
-        """Moves to one target after the other; returns the counts where it came to rest, and stores the last
-        one.
+        """Moves to one target after the other; returns its positions at rest in counts, and stores the last.
 
         The stage stays between where it is and where it is sent, and goes no faster than `velocity_m_s`.
         """
@@ -249,7 +248,9 @@ class Cia402Homing:
         return rests
 
     def _reach(self, stage: Cia402Stage, target_m: float, velocity_m_s: float) -> float:
-        """Moves to a target and waits until the stage rests there for 0.1 s; its count, or DeviceError."""
+        """Moves to a target, waits until the stage has been there for 0.1 s, and returns its position in
+        counts. DeviceError: not there in twice the time of the motion and 10 s.
+        """
         assert self._scale is not None, "homed before"
         clock, pacer = self._clock, Pacer(self._clock, 10_000_000)
         start_m = stage.read(clock.now_ns()).position_m

@@ -149,7 +149,8 @@ class DriveMachine:
 
     def _word(self, state: DriveState | None, statusword: int) -> int:
         """Returns the controlword that answers this state, and moves the phase on: reset, enable, follow.
-        DeviceError: the drive is in no expected state, or stays in one for too long; passive from then on.
+        While passive it is a quick stop. DeviceError: the drive is in no expected state, or stays in one for
+        too long; passive from then on.
         """
         if self.phase is Phase.PASSIVE:
             return QUICK_STOP

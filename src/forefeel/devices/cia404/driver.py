@@ -128,7 +128,9 @@ class Cia404LoadCell(QueuedLoadCell):
             raise DeviceError(f"no TPDO for {silent} periods")
 
     def _on_reading(self, can_id: int, data: bytearray, stamp: float) -> None:
-        """Passes the measurement of a TPDO to the queue, stamped now; only counts one of a wrong length."""
+        """Passes the measurement of a TPDO on, stamped now, to be checked and queued; only counts one of a
+        wrong length. A value that is not finite becomes 0.
+        """
         del can_id, stamp
         reading = cia404.measured(self._pdo, data)
         if reading is None:

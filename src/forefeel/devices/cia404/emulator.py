@@ -49,7 +49,9 @@ class Transducer404(CanopenDevice):
             super().provoke(fault)
 
     def shown(self, index: int, sub: int) -> float | None:
-        """Process value, or status: 0, or not valid with the overload; None for any other object."""
+        """Returns the process value, or the status: 0, or not valid and over or under while saturated. None
+        for any other object.
+        """
         del sub
         if index == cia404.PROCESS_VALUE.index:
             return self._value

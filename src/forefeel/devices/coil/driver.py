@@ -114,7 +114,7 @@ class CoilTalk:
             elif isinstance(frame, CoilState):
                 fresh |= self._take_state(frame, now_ns)
         if not self.settled:
-            return self._shake(now_ns, fresh)
+            return self._handshake(now_ns, fresh)
         self._require_in_time(now_ns)
         return self._command() if fresh else b""
 
@@ -133,9 +133,9 @@ class CoilTalk:
         return encode(Identify(PROTOCOL, watchdog_ms, limit_ma))
 
     def _take_identity(self, identity: CoilIdentity) -> None:
-        """Stores serial number and identity in the link, and what the device says of itself: IDENTIFIED;
-        ignores an identity unless the link is OPEN. DeviceSetupError: no such device or protocol, another one
-        than before, a watchdog or limit above the settings, or what `_set_measures` refuses.
+        """Checks an identity, stores it here and in the link, with the current limit and `_set_measures`, and
+        makes the link IDENTIFIED; ignores it unless the link is OPEN. DeviceSetupError: no such device or
+        protocol, another one than before, a watchdog or limit above the settings, or wrong measures.
         """
         if self._link.state is not LinkState.OPEN:
             return
@@ -165,9 +165,10 @@ class CoilTalk:
         self._link.advance(LinkState.IDENTIFIED)
 
     def _set_measures(self, identity: CoilIdentity) -> str:
-        """Sets period, counts per metre and lateness of the force by what the device says; returns them as
-        text. DeviceSetupError: a watchdog's time of less than five periods, a force later than 20 ms, counts
-        that neither device nor settings know, or both and not the same.
+        """Sets the period, the counts per metre (the settings' where the device has none) and the delay of
+        the force (period, wire and amplifier) from an identity; returns them as text. DeviceSetupError: a
+        watchdog's time of less than five periods, a force later than 20 ms, counts that neither device nor
+        settings know, or both and not the same.
         """
         settings = self._settings
         self.period_s = identity.period_us * 1e-6
@@ -191,7 +192,7 @@ class CoilTalk:
             )
         return f"a state each {period}, force up to {late} late, {self.counts_per_m:.9g} counts/m"
 
-    def _shake(self, now_ns: int, fresh: bool) -> bytes:
+    def _handshake(self, now_ns: int, fresh: bool) -> bytes:
         """Returns the next bytes of the handshake: the request again each 0.1 s, then a command when a new
         state came. The first state without fault makes the link READY and sets `settled`; after a fault it
         stays CONFIGURED. DeviceSetupError: not done within a second.
@@ -263,7 +264,7 @@ class CoilTalk:
         assert self.newest is not None
         setpoint, age_ns = self.setpoint, now_ns - self.newest.stamp_ns
         if age_ns > self._watchdog_ns:
-            raise DeviceError(_too_old(self.newest, now_ns))
+            raise DeviceError(_age_reason(self.newest, now_ns))
         late_ns = now_ns - setpoint.stamp_ns
         if self._link.state is LinkState.READY and setpoint.current_ma and late_ns > self._watchdog_ns:
             raise DeviceError(f"the haptic loop stands still for {quantity(late_ns * 1e-9, 's')}")
@@ -279,7 +280,7 @@ class CoilTalk:
         return self._sequence
 
 
-def _too_old(newest: Stamped, now_ns: int) -> str:
+def _age_reason(newest: Stamped, now_ns: int) -> str:
     """Reason for which a state is too old: none came since, or it was old when it came."""
     age_ns, since_ns = now_ns - newest.stamp_ns, now_ns - newest.arrived_ns
     if age_ns < 2 * since_ns:
@@ -318,7 +319,7 @@ class CoilHandle(ThreadedHandle[CoilTalk]):
 
     def read(self, now_ns: int) -> HandleReading:
         """Returns position, velocity and buttons by the newest state, carried on by its velocity for at most
-        five periods. A state older than the watchdog's time is a fault of the link.
+        five periods, after which the velocity is 0. A state older than the watchdog's time faults the link.
 
         Raises:
             DeviceError: a fault, now or before, that nobody has re-armed after.
@@ -328,7 +329,7 @@ class CoilHandle(ThreadedHandle[CoilTalk]):
         assert newest is not None
         age_s = max(0.0, (now_ns - newest.stamp_ns) * 1e-9)
         if age_s > self._settings.watchdog_s:
-            self.link.fault(_too_old(newest, now_ns))
+            self.link.fault(_age_reason(newest, now_ns))
             self.link.require_ready()
         per_m, state = self._settings.sign * self._talk.counts_per_m, newest.state
         carried_s = _CARRIED_PERIODS * self._talk.period_s

@@ -123,7 +123,9 @@ Frame = CoilState | CoilCommand | Identify | CoilIdentity
 
 
 def encode(frame: Frame) -> bytes:
-    """Encodes a frame for the wire; clamps numbers that do not fit, cuts texts to 32 characters."""
+    """Encodes a frame for the wire; clamps numbers that do not fit, but wraps sequence and time; cuts texts
+    to 32 characters.
+    """
     match frame:
         case CoilState():
             sequence, time_us = frame.sequence & _MOST_U16, frame.time_us & _MOST_U32

@@ -74,7 +74,7 @@ class Emulation(NamedTuple):
 
 def moved(around: Surroundings, sign: int, leave: ExitStack) -> Callable[[float, float, float, float], None]:
     """Makes the hook that an emulated stage calls at each step with (t_s, x_m, v_m_s, a_m_s2). It moves the
-    simulated contact, times `sign`, and sends its force to the load cell if there is a link.
+    simulated contact by that times `sign`, and sends its force to the load cell if there is a link.
     """
     contact = ContactSimulation(around.world)
     sender = (

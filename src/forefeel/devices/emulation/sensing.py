@@ -37,8 +37,8 @@ class EmulatedSensor:
         self.fault = None if fault == "free" else fault
 
     def measure(self, t_s: float) -> float:
-        """Returns the force in N with noise, clamped to the full scale, and sets `saturated`. While `stuck`
-        it returns the last one again, while `overrange` the full scale.
+        """Returns the force in N with noise, clamped to the full scale, and sets `saturated` if it reaches
+        that. With the fault `stuck` it returns the last one again, with `overrange` the full scale.
         """
         most_n = self._full_scale_n
         if self.fault != "stuck":

@@ -72,8 +72,8 @@ class HaplyTalk:
         self.deadman = Deadman()
 
     def commands(self, now_ns: int) -> list[str]:
-        """Messages that are due: a request of the status, and a force once the device is known: 0 while the
-        link is not READY, which wakes the device up.
+        """Returns the messages to send now: a request of the status when due, and once the device is known
+        the negative of the setpoint's force; 0 while the link is not READY, which wakes the device up.
         """
         due = list[str]()
         if now_ns - self._asked_ns >= _ASK_NS:
@@ -97,7 +97,8 @@ class HaplyTalk:
 
     def hear(self, text: str | bytes, now_ns: int) -> None:
         """Takes a message of the service and stores the state of the device; ignores one without it. A device
-        and a grip that are there and awake make the link READY, or after a fault CONFIGURED.
+        that is powered, calibrated and awake, with a grip connected, makes the link READY, or after a fault
+        CONFIGURED.
 
         Raises:
             DeviceSetupError: several devices and no `device_id`, or another one than before.
@@ -160,8 +161,8 @@ class HaplyTalk:
         return frozenset(name for name, pressed in grips[0].state.buttons.items() if pressed)
 
     def _take_state(self, state: CursorState, pressed: frozenset[str], now_ns: int) -> None:
-        """Stores a state as `newest`, and has the deadman take its button. During the handshake the first fit
-        state makes the link READY. DeviceError: an unfit state later, or a force above the limit.
+        """Stores a state as `newest`, and passes its button to `deadman`. During the handshake the first one
+        of a usable device makes the link READY. DeviceError, later: an unusable one, or too much force.
         """
         self._link.counters["states"] += 1
         self._link.exchanged(now_ns - self._sent_ns if self._sent_ns else None)
@@ -230,7 +231,7 @@ class ServiceStream:
             raise DeviceSetupError(f"{url}: {error}; expected Haply's service to run there") from error
 
     def receive(self, timeout_s: float) -> str | bytes | None:
-        """Returns the oldest message that waits; None if none comes in time. DeviceError: gone."""
+        """Returns the oldest message that waits; None if none comes in time. DeviceError: connection lost."""
         try:
             return self._socket.recv(timeout_s)
         except TimeoutError:
@@ -270,7 +271,7 @@ class HaplyHandle(ThreadedHandle[HaplyTalk]):
 
     def read(self, now_ns: int) -> HandleReading:
         """Returns position, velocity and buttons by the newest state, carried on by its velocity for at most
-        two periods. A state older than the watchdog's time is a fault of the link.
+        two periods, after which the velocity is 0. A state older than the watchdog's time faults the link.
 
         Raises:
             DeviceError: a fault, now or before, that nobody has re-armed after.

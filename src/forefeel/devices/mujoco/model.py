@@ -46,8 +46,9 @@ class MujocoModel:
         self._insert()
 
     def step(self, position_m: float, velocity_m_s: float) -> float:
-        """Steps the model by a period, at whose end the drive is where the carriage is; returns the force on
-        the cell in N. Raises FloatingPointError: bodies overlap by more than `overlap_m`, or no number.
+        """Steps the model by a period, in which the drive goes where the carriage is, counted from the
+        position of the first call; returns the force on the cell in N. Raises FloatingPointError: bodies
+        overlap by more than `overlap_m`, or the force is no number.
         """
         if self._start_m is None:
             self._start_m = position_m
@@ -80,8 +81,8 @@ class MujocoModel:
         return number
 
     def _drive(self) -> tuple[int, int]:
-        """Numbers of the actuator (-1: none) and of the joint that `drive` names. Raises ConfigurationError:
-        there is neither.
+        """Numbers of the actuator that `drive` names and of its joint, else -1 and that of the joint of this
+        name. Raises ConfigurationError: there is neither.
         """
         name = self._settings.drive
         actuator = int(mujoco.mj_name2id(self._model, _Kind.mjOBJ_ACTUATOR, name))
@@ -93,8 +94,8 @@ class MujocoModel:
         return actuator, joint
 
     def _insert(self) -> None:
-        """Moves the drive by `inserted_m` within `settle_s` of the model's time, and stores where it is then;
-        before a loop runs, whose first tick would miss hundreds.
+        """Steps the model for `settle_s` of its time: moves the drive by `inserted_m`, then lets it settle
+        there, and stores that position. The constructor calls it, for a tick of a loop is too short.
         """
         start = float(self._data.qpos[self._at])
         way = self._settings.inserted_m / self._settings.unit_m

@@ -73,7 +73,7 @@ class Path:
         return np.array([x + off_x, y + off_y, x - off_x, y - off_y])
 
     def crosses_itself(self) -> bool:
-        """True if a wall stands in another part of the lumen."""
+        """True if two distant parts of the path are nearer to each other than the widest lumen with walls."""
         line, half = self.line[::10], self._half_m[::10]
         apart = np.hypot(*(line[:, None] - line[None]).transpose(2, 0, 1))
         s = np.arange(len(line)) * 10 * _GRID_M
@@ -82,7 +82,7 @@ class Path:
         return bool(np.any(apart[np.abs(s[:, None] - s[None]) > 0.5 * np.pi * near] < near))
 
     def bars(self) -> Iterator[Bar]:
-        """Bars whose faces are the wall on both sides; a piece narrower than the widest has thicker ones."""
+        """Yields the bars along both sides, whose faces are the wall; a narrower piece has thicker ones."""
         widest = max(piece.half_m for piece in self.pieces)
         for (_, x0, y0, heading), piece in zip(self._starts, self.pieces, strict=False):
             count = ceil(piece.length_m / _FACET_M) if piece.curvature else 1

@@ -71,8 +71,8 @@ class Guidewire:
             self._push(0.0, 0.0)
 
     def step(self, position_m: float, velocity_m_s: float) -> float:
-        """Makes a step; returns the force in N with which the stage pushed at its beginning. Raises
-        EscapedError: the wire has left the vessel, or a force that is no number.
+        """Steps the wire; returns the force in N with which the stage pushed at the beginning of the step.
+        Raises EscapedError: the wire has left the vessel, or a force that is no number.
         """
         force_n = self._push(position_m, velocity_m_s)
         if self._path is not None:

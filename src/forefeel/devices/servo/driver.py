@@ -65,8 +65,9 @@ class ServoHandle:
     def rearm(self) -> None: ...
 
     def read(self, now_ns: int) -> HandleReading:
-        """Takes what has come and returns the newest position, carried on for 20 ms at most. The first one
-        after a pause still has the deadman released, so that the clutch takes up where the hand is now.
+        """Takes what has come and returns the newest position, carried on for 20 ms at most, then at rest.
+        The deadman counts as pressed unless the position is stale, or is the first after a pause, so that
+        the clutch takes up where the hand is now.
         """
         if self._socket is not None:
             with suppress(BlockingIOError):

@@ -126,7 +126,9 @@ class Pacer:
         self.missed = 0
 
     def wait_s(self) -> float:
-        """Moves the deadline on by a period, skipping and counting missed ones; returns s until then."""
+        """Moves the deadline on by a period; returns s until then. If it has passed, adds the missed ones to
+        `missed` and sets it a period from now.
+        """
         now_ns = self._clock.now_ns()
         self._deadline_ns += self._period_ns
         late_ns = now_ns - self._deadline_ns

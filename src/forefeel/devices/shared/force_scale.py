@@ -42,7 +42,7 @@ class StuckWatch:
 
     def take(self, raw: float, t_s: float) -> bool:
         """Takes a raw value at `t_s`; True if a noisy cell has repeated it for 1 s, and 30 times. Another
-        value than the last restarts the count, and updates whether the cell counts as noisy.
+        value restarts the count, and updates whether the cell is noisy: how often its changes turn round.
         """
         if raw == self._raw:
             self._repeats += 1
@@ -101,8 +101,8 @@ class ForceScale:
         return native if flaws is native.flaws else native._replace(flaws=flaws)
 
     def reading(self, checked: Native) -> LoadCellReading:
-        """Converts a measurement to a reading: force in N, clamped to the full scale, and raw counts. It is
-        valid if the measurement has no flaws.
+        """Converts a measurement to a reading: force in N, clamped to the full scale, and raw counts, which
+        are uN for a cell with a unit of force. It is valid if the measurement has no flaws.
         """
         force_n, raw_n = self._forces(checked.value)
         counts = checked.value if self._newton_per_native is None else raw_n * _MICRONEWTON_PER_N

@@ -174,8 +174,8 @@ class SerialLoadCell(QueuedLoadCell, Generic[S]):
             yield 0.0
 
     def _exchange(self, conversation: Conversation, stream: SerialStream, cell: Cell) -> Steps:
-        """Passes every measurement to `_measured` until the conversation ends. DeviceError: no measurement
-        for five periods, or 50 ms if that is longer.
+        """Checks and queues every measurement (`_measured`) until the conversation ends. DeviceError: no
+        measurement for five periods, or 50 ms if that is longer.
         """
         last_ns, since = self._clock.now_ns(), 0
         while not conversation.stopping:

@@ -28,8 +28,8 @@ class PositionScale(NamedTuple):
 
 def calibrated(settings: ScaledStageSettings, serial: str) -> tuple[StageCalibration | None, PositionScale]:
     """Returns (calibration, scale): the file that the settings name, and its zero and counts per metre.
-    Without a file: (None, the scale of the settings with zero 0). DeviceSetupError: it is of another device,
-    out of date, or does not fit the settings.
+    Without a file: (None, the scale of the settings with zero 0). The settings' sign is in the scale.
+    DeviceSetupError: the file is of another device, out of date, or does not fit the settings.
     """
     path, native_per_m = settings.calibration, settings.native_per_m
     if path is None:

@@ -234,8 +234,9 @@ class Operator(SimulatedHandle):
         return HandleReading(self._arm.position_m, self._arm.velocity_m_s, self.person.pressed, self._gripper)
 
     def _plan(self, was: Act, dt_s: float) -> None:
-        """Begins a reach to the stage while the person waits, and the next stroke while moving. A stroke
-        follows when the last one and its dwell are over, and at once when moving begins.
+        """Moves the reach on by `dt_s`. Begins a new one to the stage while the person waits, if the stage is
+        elsewhere, and the next stroke while moving: at once when moving begins (`was`: the act before), then
+        when the last one and its dwell are over.
         """
         act, stage_m = self.person.act, self._indication.stage_position_m
         self._reach_s += dt_s

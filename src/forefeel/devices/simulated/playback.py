@@ -61,9 +61,9 @@ class Playback(SimulatedHandle):
         return force_n
 
     def read(self, now_ns: int) -> HandleReading:
-        """Advances the simulated person and the playback to `now_ns` and returns where the hand is. It waits
-        at the stage while the person does not move, and where it is once the piece has ended; else it goes to
-        the start of the piece and then plays it, with the time of the recording.
+        """Advances the simulated person and the playback to `now_ns` and returns where the hand is. While the
+        person moves it goes to where the piece begins or was interrupted, then plays it on, with the time of
+        the recording; otherwise it rests, at the stage while the person waits.
         """
         dt_s = self._step_s(now_ns)
         self.person.look(now_ns * 1e-9, self._indication.state)
@@ -89,7 +89,7 @@ class Playback(SimulatedHandle):
         self._approach_s = 0.0
 
     def _go_to_start(self, dt_s: float) -> HandleReading | None:
-        """Returns the reading on the way to the start of the piece, moved on by `dt_s`; None once there."""
+        """Returns the reading on the way to where the piece goes on, after `dt_s` more; None once there."""
         assert self._approach is not None
         self._approach_s += dt_s
         if self._approach_s > self._approach.duration_s:

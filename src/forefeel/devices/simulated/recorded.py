@@ -45,8 +45,7 @@ class RecordedLoadCell:
         return (self._at(recording_time_s),)
 
     def _at(self, recording_time_s: float | None) -> LoadCellReading:
-        """Returns the force at that time of the recording, interpolated linearly; raw counts in
-        micro-newtons.
+        """Returns the reading at that time of the recording, interpolated linearly; raw counts in uN.
 
         Invalid and 0 N without a time, outside the recording, inside a gap; a sample at its edge is valid.
         """

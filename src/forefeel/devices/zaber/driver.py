@@ -394,8 +394,8 @@ class ZaberExchange:
 
     def _due(self, now_ns: int) -> tuple[bool, Wanted | None]:
         """Returns (a stop is due, the newest setpoint, or None for no motion) and notes `now_ns` as the last
-        call. If the last call was more than `lead_s` ago, the stage has come to rest: older setpoints are
-        dropped, and `stood_still` is counted.
+        call. If the last call was more than `lead_s` ago, the stage has come to rest: counts `stood_still`
+        and drops older setpoints; a stop is due if there was one.
         """
         if self._last_ns is not None and now_ns - self._last_ns > self._settings.lead_s * 1e9:
             self._link.counters["stood_still"] += 1
@@ -428,8 +428,8 @@ class ZaberExchange:
         return f"move abs {self.target(setpoint, now_ns)}"
 
     def target(self, setpoint: Wanted, now_ns: int) -> int:
-        """Returns the target in microsteps for a setpoint: at most `lead_s` ahead of it, and of where the
-        stage is. It is clamped to the travel and the limits of the device.
+        """Returns the target in microsteps for a setpoint: at most `lead_s` ahead of it, and no further from
+        where the stage is than that at full speed. It is clamped to the travel and the limits of the device.
 
         The setpoint is extrapolated by its age, by the time that the device needs to get it, and by half the
         time that it brakes, v / 2A, so that a steady motion is not braked at each target.

@@ -128,7 +128,7 @@ class Parser:
         return [reply for line in lines if line and (reply := self._reply(line)) is not None]
 
     def _reply(self, line: bytes) -> Reply | None:
-        """Parses a line; where its beginning is damaged, from a later `@` on. None, and counted: no reply."""
+        """Parses a line from the first `@` of a valid reply; counts what it drops. None: no reply."""
         if len(line) > _MAX_LINE_BYTES:
             self.dropped["overlong"] += 1
             return None

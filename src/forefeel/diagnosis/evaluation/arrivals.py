@@ -65,8 +65,8 @@ class Arrivals:
 
 
 def arrivals(time_s: Floats, link: DelayedLink) -> Arrivals:
-    """Arrivals of the forces stamped `time_s` (increasing) over the link, without those that are lost or
-    arrive after the last stamp; repeatable by `link.seed`.
+    """Draws the arrivals over the link of the forces stamped `time_s` (increasing), grouped by the stamp at
+    which they are first known; without those lost or later than the last stamp. Repeatable by `link.seed`.
 
     Sample i has arrived at the stamp t if time_s[i] <= t - latency_i, computed so: without jitter that is the
     comparison by which a zero-order hold is defined, to the last bit.

@@ -25,7 +25,7 @@ def delayed_links(delays: str, jitter_s: float, loss: float, seed: int) -> tuple
     120, 250, 300, 450 and 600 between them.
 
     Raises:
-        ConfigurationError: neither of both, the second end not above the first, or a value out of range.
+        ConfigurationError: any other text, the second end not above the first, or a value out of range.
     """
     try:
         ends = [float(end) for end in delays.split(":")]

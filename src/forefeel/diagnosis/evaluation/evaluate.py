@@ -59,7 +59,7 @@ class Evaluated:
 
 def prepare(recording: Recording, link: DelayedLink, model: ContactModel | None = None) -> Prepared:
     """Computes the arrivals of a recording's forces, replays the zero-order hold, and finds the stamps to
-    score. `model`: with which it is to be evaluated.
+    score. `model`: checked only for the columns that it follows.
 
     Raises:
         RecordingError: no force, shorter than 3 s and the delay, no force that arrives in time, or without a
@@ -102,11 +102,11 @@ def evaluate(
         prepared: see `prepare`.
         model: of a model.yaml, for forefeel; None: its own.
         progress: called with the name of each method before it starts.
-        links: further ones, over which it is scored, too; that of `prepared` is passed over.
-        longest: the recording as it is prepared for the longest of them, where it is.
+        links: further links over which the methods are scored; one with the delay of `prepared` is skipped.
+        longest: the recording already prepared for one of `links`, so that it is not prepared again.
 
     Raises:
-        RecordingError: it can not be evaluated over one of the links.
+        RecordingError: the recording can not be prepared for one of the links.
     """
     recording, force_n, zoh = prepared.recording, prepared.force_n, prepared.zoh
     traces: dict[str, MethodTrace] = {}

@@ -320,7 +320,7 @@ class MethodTrace:
 
 def replay(recording: Recording, arrivals: Arrivals, method: Method) -> MethodTrace:
     """Runs a method over a recording and returns its predictions: at each stamp it is given the forces that
-    have arrived since the last, then the own motion, and is asked.
+    have arrived since the last, then the own motion, and is asked. Where it gives none the force is NaN.
 
     After a gap the method is restarted, between the forces that arrived in the gap and the next motion.
 

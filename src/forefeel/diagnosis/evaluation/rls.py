@@ -87,8 +87,8 @@ class RecursiveLeastSquares:
 
     def _correct(self, f: list[float], v: list[float], lam: float, e: float) -> None:
         """Updates theta and P by the gain K = P phi / alpha and the innovation `e`, and counts the sample;
-        once 2 % are forgotten, adds to P what the prior's information lost. `f`, `v`: of `project`; `v` is
-        used up.
+        once 2 % are forgotten, restores that share of the prior's information in P. `f`, `v`: of `project`;
+        `v` is overwritten.
         """
         p_phi, alpha = self._p.correct(f, v, lam)
         step = e / alpha
@@ -178,7 +178,7 @@ class UdCovariance:
         """Sets P to (I - K phi') P / lambda for the phi that gave f and v; returns (P phi, alpha), with P as
         it was before and the gain K = P phi / alpha.
 
-        `v` is used up: it becomes P phi.
+        `v` is overwritten: it becomes P phi.
         """
         d = self._d
         alpha = lam
