@@ -209,7 +209,8 @@ class HapticSample(Message):
 class ModelParameters(Message):
     """The identified contact model: values, standard deviations and what the motion lets one tell apart.
 
-    `prior`: what it started from; empty where nothing is kept.
+    `prior`: what it started from; empty where nothing is kept. `model`: causes of the model.yaml that it
+    predicts with; none once it is dropped.
     """
 
     most_bytes: ClassVar[int] = 64 * 1024
@@ -225,6 +226,7 @@ class ModelParameters(Message):
     resets: NonNegativeInt
     innovation_rms_n: Force
     prior: ShortText = ""
+    model: tuple[Name, ...] = ()
 
 
 class SlaveState(Message):

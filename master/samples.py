@@ -86,6 +86,7 @@ def model_parameters(header: Header, identification: IdentificationTask, prior: 
     far. `prior`: one line on its origin, cut to 256 characters.
     """
     contact, learned = identification.snapshot.contact, identification.snapshot.learned
+    model = identification.learner.model
     return ModelParameters(
         **header,
         names=contact.names if contact else (),
@@ -98,6 +99,7 @@ def model_parameters(header: Header, identification: IdentificationTask, prior: 
         resets=identification.learner.renewals,
         innovation_rms_n=within(float(learned.values["recent_n"]), MOST_FORCE_N),
         prior=prior[:256],
+        model=tuple(entry.effect for entry in model.effects) if model else (),
     )
 
 

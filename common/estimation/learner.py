@@ -89,7 +89,7 @@ class Learner:
         self._evaluator, self._evaluation = evaluator, evaluator.record
         self._stage, self._contact_n = (evaluator.record.values[name] for name in ("stage", "contact_n"))
         self._kernels, self._reading = kernels(), Numbers(Reading)
-        self.prior, self._model, self._solve = prior, model, solve
+        self.prior, self.model, self._solve = prior, model, solve
         self.lost_n: list[float] = []
         self._early: list[tuple[float, float, float]] = []
         self.fits, self.renewals, self.fit_late = 0, -1, False
@@ -104,17 +104,17 @@ class Learner:
         self._forces = values["forces"]
         forces_.begin(self._forces)
         experts.begin(values["experts"])
-        blends.begin(values["blend"], self.prior is not None or self._model is not None)
+        blends.begin(values["blend"], self.prior is not None or self.model is not None)
         bands.begin(values["band"])
         change_detection.begin(values["trial"])
-        self._fit = ContactFit(self.prior, self._model)
+        self._fit = ContactFit(self.prior, self.model)
         self._fitting: tuple[Fitting, Future[Contact | None]] | None = None
         self._lost_contact = LostContact()
         self.renewals += 1
 
     def _drop_taught(self) -> None:
         """Goes on without prior and model; what the experts have learned stays."""
-        self.prior = self._model = self._fitting = None
+        self.prior = self.model = self._fitting = None
         self._fit = ContactFit()
         self._knowledge.values["blend"]["taught"] = 0.0
         self._knowledge.values["trial"] = 0.0
@@ -144,7 +144,7 @@ class Learner:
         self._reading.pack(stamp_s, force_n)
         n = self._learn()
         if n == WORSE_THAN_NOTHING:
-            if self.prior is None and self._model is None:
+            if self.prior is None and self.model is None:
                 self._begin_anew()
             else:
                 self._drop_taught()
@@ -172,7 +172,7 @@ class Learner:
         contact = self._fit.contact
         if contact and self._lost_contact.judge(stamp_s, x_m, v_m_s, force_n - free_n, foretold_n, contact):
             self.lost_n.append(foretold_n)
-            self.prior = self._model = None
+            self.prior = self.model = None
             self._begin_anew()
             self._learn()  # else nothing would be known until the next force, and 0 N be predicted
             return

@@ -12,7 +12,7 @@ import pytest
 
 from forefeel.common.estimation import blend
 from forefeel.common.estimation.contact_prior import exactly
-from forefeel.common.messages import HapticSample, Message
+from forefeel.common.messages import HapticSample, Message, ModelParameters
 from forefeel.common.prior_file import keep_prior
 from forefeel.common.recording.mcap_reader import Run as RecordedRun
 from forefeel.common.recording.mcap_writer import RunWriter
@@ -98,21 +98,19 @@ def without(messages: Messages, topic: Topic[Any], first: int) -> Messages:
     return [entry for i, entry in enumerate(messages) if i not in set(rows)]
 
 
-def of_protocol_6(messages: Messages) -> Messages:
-    old = {"protocol": 6, "snapshot": None}
-    return [
-        (key, m.model_copy(update=old) if isinstance(m, HapticSample) else m, at) for key, m, at in messages
-    ]
+def changed(messages: Messages, kind: type[Message], **fields: object) -> Messages:
+    return [(key, m.model_copy(update=fields) if isinstance(m, kind) else m, at) for key, m, at in messages]
 
 
 @pytest.mark.parametrize(
     ("damage", "words"),
     [
         (lambda m, r: (without(m, HAPTICS, 10**6), r), "no session"),
-        (lambda m, r: (of_protocol_6(m), r), "protocol 6"),
+        (lambda m, r: (changed(m, HapticSample, protocol=6, snapshot=None), r), "protocol 6"),
         (lambda m, r: (without(m, HAPTICS, 7), r), "begins at command 8"),
         (lambda m, r: (without(m, MASTER_HANDSHAKE, 10**6), r), "no handshake"),
         (lambda m, r: (m, {name: r[name] for name in r if name != PRIOR}), "the prior it started from"),
+        (lambda m, r: (changed(m, ModelParameters, model=("hysteresis",)), r), "predicts with (hysteresis)"),
         (lambda m, r: (m, r | {PRIOR: "{}"}), "limits, prior or model are damaged"),
         (lambda m, r: (without(m, FORCE, 10**6), r), "nothing to compare"),
     ],

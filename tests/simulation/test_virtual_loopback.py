@@ -304,6 +304,7 @@ def test_the_model_files_of_both_ends_are_used(tmp_path: Path) -> None:
     parameters = traffic.messages(PARAMETERS)[-1]
     found = dict(zip(parameters.names, parameters.values, strict=True))
     assert found["mass_damper_spring.stiffness_n_m"] == pytest.approx(20.0, rel=0.15)
+    assert parameters.model == ("mass_damper_spring",)
     assert parameters.valid
 
 

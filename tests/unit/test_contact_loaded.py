@@ -101,5 +101,5 @@ def test_wrong_model_is_dropped_and_what_the_experts_have_learned_stays() -> Non
             estimate = predictor.predict()
             predicted_n[n] = estimate.force_n if estimate else 0.0
         errors_n.append(np.sqrt(np.mean((predicted_n - 100.0 * x)[1250:] ** 2)))
-    assert beside.learner._model is None and beside.learner.renewals == 0
+    assert beside.learner.model is None and beside.learner.renewals == 0
     assert errors_n[1] < 1.02 * errors_n[0]

@@ -136,18 +136,19 @@ def _starting_point(run: Run, axis: str) -> tuple[AxisLimits, ContactPrior | Non
     """Limits on which both ends agreed; prior and model that the session started from, None without.
 
     Raises:
-        RecordingError: no handshake, a prior that was not recorded, or one of them is damaged.
+        RecordingError: no handshake, a prior or model that was not recorded, or one of them is damaged.
     """
     where, started = f"{run.path}: axis {axis}", run.metadata.get("run", {})
     handshake = next(run.messages(axis, MASTER_HANDSHAKE), None)
     if handshake is None:
         raise RecordingError(f"{where}: no handshake; expected one from the start on")
-    origin = next((message.prior for message in run.messages(axis, PARAMETERS)), "")
+    first = next(run.messages(axis, PARAMETERS), None)
+    origin, causes = (first.prior, first.model) if first else ("", ())
+    expected = "is not in the recording; expected a session without one, or a recording of forefeel loopback"
     if origin and not origin.startswith("none") and PRIOR not in started:  # see `forefeel.master.prior.load`
-        raise RecordingError(
-            f"{where}: the prior it started from ({origin}) is not in the recording; expected a session "
-            "without one, or a recording of forefeel loopback"
-        )
+        raise RecordingError(f"{where}: the prior it started from ({origin}) {expected}")
+    if causes and MODEL not in started:
+        raise RecordingError(f"{where}: the model.yaml it predicts with ({', '.join(causes)}) {expected}")
     try:
         shared = json.loads(handshake.settings)
         limits = json.dumps({name: shared[name] for name in AxisLimits.model_fields})
