@@ -27,7 +27,7 @@ def error_size(estimate_n: Floats, force_n: Floats) -> ErrorSize:
         size = np.abs(estimate_n - force_n)
         largest = float(size.max())
         # scaled, so that squares of a diverged prediction do not overflow
-        whole = largest * rms(size / largest) if largest > 0 else 0.0
+        whole = largest * rms(size / largest) if largest else 0.0
         return ErrorSize(_finite(whole), _finite(float(np.quantile(size, 0.95))), _finite(largest))
 
 

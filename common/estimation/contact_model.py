@@ -225,8 +225,11 @@ class Causes:
         for i, name in enumerate(SHAPE):
             if name in known:
                 value, sd = known[name]
-                shape[i] = np.log(max(value, 1e-300)) if _LOGARITHMIC[i] else value
-                shape_sd[i] = sd / value if _LOGARITHMIC[i] else sd
+                if _LOGARITHMIC[i]:  # a length or time of a file may be 0
+                    value = max(value, float(np.exp(_LOWEST[i])))
+                    shape[i], shape_sd[i] = np.log(value), sd / value
+                else:
+                    shape[i], shape_sd[i] = value, sd
         noise = known.get(NOISE, (nan, nan))
         return Belief(theta, theta_sd, accepted(shape), shape_sd, *noise, path=prior.path)
 

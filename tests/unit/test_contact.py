@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from forefeel.common.estimation.contact import Contact, ContactExpert, ContactFit
-from forefeel.common.estimation.contact_model import Causes, MotionExtent, typical_shape
-from forefeel.common.estimation.contact_prior import CONTACT, ContactPrior, widened
+from forefeel.common.estimation.contact_model import SHAPE, Causes, MotionExtent, typical_shape
+from forefeel.common.estimation.contact_prior import CONTACT, ContactPrior, exactly, widened
 from tests.unit.contact_samples import TRUE, Session, learned, predicted, samples, session
 
 SPRING = "mass_damper_spring.stiffness_n_m"
@@ -77,6 +77,14 @@ def test_prior_predicts_from_first_tick() -> None:
     assert np.isfinite(warm).all()
     assert rms((warm - force_n)[early]) < 0.2 * rms((np.nan_to_num(cold) - force_n)[early])
     assert rms((warm - force_n)[~early]) < 0.006
+
+
+def test_prior_of_a_file_may_have_a_length_of_zero() -> None:
+    names = [name for name in SHAPE if name != CONTACT]
+    belief = Causes().belief(exactly(dict.fromkeys(names, 0.0)))
+    known = [name in names for name in SHAPE]
+    assert np.isfinite(belief.shape[known]).all()
+    assert (belief.shape_sd[known] > 0.0).all()
 
 
 def test_prior_of_another_contact_is_given_up() -> None:

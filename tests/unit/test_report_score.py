@@ -81,7 +81,8 @@ def test_prediction_and_hold_are_scored_on_the_same_commands() -> None:
 def test_a_model_that_ran_away_still_has_an_error() -> None:
     assert error_size(np.array([1e300, 0.0]), np.zeros(2)).rms_n == pytest.approx(1e300 / np.sqrt(2))
     beyond = error_size(np.array([1.7e308]), np.array([-1.7e308]))
-    assert (beyond.max_n, beyond.rms_n) == (None, None)
+    lacking = error_size(np.array([np.nan, 0.0]), np.zeros(2))
+    assert (beyond.max_n, beyond.rms_n, lacking.max_n, lacking.rms_n) == (None, None, None, None)
 
 
 def test_spread_ignores_what_is_missing() -> None:

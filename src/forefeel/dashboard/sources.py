@@ -160,6 +160,7 @@ class ReplayClock:
         if from_ns is None or not from_ns <= until_ns <= from_ns + lead_ns:
             from_ns = until_ns - lead_ns
             self.cell = CellView()
+        self._until_ns = None  # where the file is damaged the cell stays half read: the next one begins anew
         for logged in self._spans.between(from_ns, until_ns, _TOPICS):
             self.cell.take(logged.axis, logged.topic, logged.message, logged.log_ns)
         self._until_ns = until_ns

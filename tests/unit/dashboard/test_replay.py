@@ -105,6 +105,20 @@ def test_going_on_is_the_same_as_going_there(run_file: Path) -> None:
     assert Feed().answer(played.cell, AXIS, now_ns) == Feed().answer(sought.cell, AXIS, now_ns)
 
 
+def test_after_a_damaged_stretch_nothing_is_taken_twice(run_file: Path, tmp_path: Path) -> None:
+    damaged = tmp_path / "damaged.mcap"
+    content = bytearray(run_file.read_bytes())
+    content[len(content) // 2] ^= 1
+    damaged.write_bytes(content)
+    replay, whole = ReplayClock(RunSpans(damaged)), ReplayClock(RunSpans(run_file))
+    replay.go_to(2.0, 1.0)
+    with pytest.raises(RecordingError, match="damaged"):
+        replay.go_to(5.0, 1.0)
+    now_ns = replay.go_to(2.1, 1.0)
+    assert whole.go_to(2.1, 1.0) == now_ns
+    assert Feed().answer(replay.cell, AXIS, now_ns) == Feed().answer(whole.cell, AXIS, now_ns)
+
+
 def test_the_end_and_beyond_it(run_file: Path) -> None:
     spans = RunSpans(run_file)
     replay = ReplayClock(spans)
