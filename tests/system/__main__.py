@@ -105,6 +105,8 @@ def main() -> int:
     if os.geteuid() != 0:
         sys.exit("tests.system: making network namespaces needs root")
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # in order: hosts and processes go
+    if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:  # `nohup`: what is started would ignore it, too
+        signal.signal(signal.SIGHUP, lambda *_: None)
     start_s, results = time.monotonic(), dict[str, Result]()
     for row in wanted:
         row_s = time.monotonic()
