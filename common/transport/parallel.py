@@ -155,8 +155,9 @@ class ParallelTransport:
             yield session, key
 
     def subscribe_all(self, prefix: str, handler: KeyedHandler) -> None:
-        """Calls `handler` for each payload put by others to `prefix` or below it, as it comes to the first
-        connection or the listening session; its calls never overlap.
+        """Calls `handler` for each payload put by others to `prefix` or below it that comes to the first
+        connection or the listening session, as often as it comes; the others are not asked. Calls never
+        overlap.
         """
         serial = threading.Lock()
 

@@ -49,8 +49,8 @@ class PlantStage:
         return round(self.position_m / self._encoder_step_m) * self._encoder_step_m, self.velocity_m_s
 
     def step(self, t: float) -> tuple[float, float, float]:
-        """Advances the carriage by dt to time t, within the limits of acceleration, velocity and travel;
-        returns its (x, v, a).
+        """Advances the carriage by dt, as the drive demands at time t, within the limits of acceleration,
+        velocity and travel; returns its (x, v, a).
         """
         dt, x, before = self._dt, self.position_m, self.velocity_m_s
         exact_m, v = self._demanded(t)

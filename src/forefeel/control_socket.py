@@ -127,9 +127,9 @@ class SlaveRequests:
 
     async def _clear(self, name: str | None) -> Answer:
         """Clears what is latched at the axis `name`, or at all (None), and notes it in the event log; the
-        Answer tells what was cleared and what not. Not done: no such axis, no tick that clears, an axis that
-        is halted within 0.5 s after, or a clearing that is not on the disk within 2 s. Done, and not noted,
-        if nothing was latched.
+        Answer tells what was cleared and what not. Not done: no such axis, no tick that clears, any axis of
+        the daemon that is halted within 0.5 s after, or a latch that is not removed from the disk within 2 s,
+        which would stop the axis again at the next start. Done, and not noted, if no axis was latched.
         """
         axes = self._daemon.axes
         names = [axis.name for axis in axes]

@@ -239,8 +239,8 @@ def _motion_ends_hz(position: Floats, step_m: float, rate_hz: float) -> float:
 
 
 def _fit_floor(frequency: Floats, density: Floats, stretches: int) -> NoiseFloor:
-    """Fits white + coloured f^-slope to a density in N^2/Hz averaged over bins; a steeper slope (0 to 6) only
-    where it clearly betters the likelihood. `stretches`: number of spectra behind the density.
+    """Fits white + coloured f^-slope to a density in N^2/Hz, which it averages over bins first; a steeper
+    slope (0 to 6) only where it clearly betters the likelihood. `stretches`: number of spectra behind it.
     """
     edges = np.geomspace(frequency[0], frequency[-1] * 1.0001, _SMOOTHED_BINS + 1)
     place = np.digitize(frequency, edges) - 1

@@ -61,10 +61,11 @@ def plain_jacobian(regression: RecordingRegression, fit: ModelFit) -> Floats:
 def held_out(
     regression: RecordingRegression, white: Floats, plain: Floats, ridge: Floats | float = 1e-10
 ) -> Floats:
-    """Errors in N at the rows that count, each block predicted by coefficients fitted to all others, for any
-    columns, shape (rows, n): `white` are fitted, `plain` predict. `ridge`: one, or one for each column scaled
-    to an rms of 1. A column with over 80 % of its power in one block keeps its coefficient of all blocks
-    there.
+    """Errors in N at the rows that count, (rows,), each block predicted by coefficients fitted to all others.
+
+    `white`, `plain`: any columns, (rows, n), whitened for the fit and as they are for the prediction.
+    `ridge`: one, or one for each column scaled to an rms of 1. A column with over 80 % of its power in one
+    block keeps its coefficient of all blocks there.
     """
     scale = np.sqrt(np.mean(white**2, axis=0))
     scale[scale == 0.0] = 1.0

@@ -389,8 +389,8 @@ def _play_force(
     master_axis: dict[str, Any],
 ) -> list[str]:
     """Changes the settings of both axes, in place, so that the load cell plays the recorded force, turned to
-    resist insertion, without timeout, and the hand gets it scaled to `HAND_MAX_N` at most. Returns notes for
-    the user. `source`: settings of the load cell that name the recording; only read.
+    resist insertion, without timeout, and the hand gets it, scaled down where it is over `HAND_MAX_N`.
+    Returns notes for the user. `source`: settings of the load cell that name the recording; only read.
     """
     sign = resisting_sign(recording)
     slave_axis["load_cell"] = {"driver": "recorded", "force_sign": sign, **source}

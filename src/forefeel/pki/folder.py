@@ -38,8 +38,8 @@ _NAME = re.compile(rf"forefeel-(?P<cell>.+)-(?P<role>{'|'.join(CELL_ROLES)})")
 def init_folder(
     folder: Path, cells: Sequence[str], hosts: Sequence[str], days: int, now: datetime
 ) -> dict[Path, str]:
-    """Makes what is missing of authority, keys, certificates and router.json5, and renews certificates that
-    end soon or are to name other hosts; the authority and every key stay.
+    """Makes what is missing of authority, keys and certificates, renews certificates that end soon or are to
+    name other hosts, and writes router.json5 anew; the authority and every key stay.
 
     Args:
         folder: new, empty, or one of this function; cells that it has need not be named.

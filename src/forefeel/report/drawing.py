@@ -159,8 +159,8 @@ def binned(
 
 
 def _binned(x: Floats, bins: int) -> list[NDArray[np.intp]]:
-    """Rows of each bin that has some, as indices into x, bins by ascending x; half of the edges at equal
-    counts, half at equal distances. Empty without values.
+    """Rows of each bin that has some, as indices into x (finite), bins by ascending x; half of the edges
+    at equal counts, half at equal distances. Empty without values.
     """
     if not len(x):
         return []
