@@ -18,8 +18,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from tests.system.attacks import page_sockets, wire
-from tests.system.faults.cases import faults, stalled
-from tests.system.faults.required import BY_SILENCE_S
+from tests.system.faults.cases import faults, shaped
+from tests.system.faults.required import BY_SILENCE_S, SLOW
 from tests.system.faults.scene import Fault, tried
 from tests.system.page import page_seen, page_without_growth
 from tests.system.rows import Result, Row
@@ -48,7 +48,7 @@ def _open_gate(folder: Path) -> Result:
     """Shows that what the gate refuses is seen where it is open: the measure itself."""
     gate = {"slave": {"axis": {"gate": {"watchdog_s": 0.3, "max_age_s": 1.0}}}}
     result = tried(
-        Fault("", partial(stalled, 0.28), "", rest_s=BY_SILENCE_S, service={"extra": gate}), folder
+        Fault("", partial(shaped, 1.0, route=SLOW), "", rest_s=BY_SILENCE_S, service={"extra": gate}), folder
     )
     missed = [
         f"not found out: {sought}"

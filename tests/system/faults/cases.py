@@ -71,16 +71,16 @@ def _cut(cut_s: float, times: int, scene: Scene) -> Incident:
     return Incident(begun_s[0], over_s, again_s=tuple(begun_s[1:]))
 
 
-def stalled(stall_s: float, scene: Scene) -> Incident:
+def _stalled(stall_s: float, scene: Scene) -> Incident:
     """Everything is held, then comes in one burst: old commands to the slave, old forces to the master."""
     at_s = scene.cable.stall(stall_s) * _NS
     time.sleep(stall_s + 0.5)
     return Incident(at_s, at_s + stall_s)
 
 
-def _shaped(duration_s: float, scene: Scene, **more: Any) -> Incident:  # noqa: ANN401
-    """The cable does that for a while, or only its usual delays; what runs above retransmits."""
-    at_s = scene.shape(**more)
+def shaped(duration_s: float, scene: Scene, route: r.Route | None = None, **more: Any) -> Incident:  # noqa: ANN401
+    """The cable does that for a while, or only those or its usual delays; what runs above retransmits."""
+    at_s = scene.shape(route, **more)
     time.sleep(duration_s)
     return Incident(at_s, scene.shape())
 
@@ -427,17 +427,17 @@ def _of_network(route: Route) -> Iterable[Fault]:
     again = "link mended: a new session"
     yield Fault("link cut 2 s", partial(_cut, _FAULT_S, 1), again, route, **_NO_FORCE, **_LOST)
     again = "stall over: a new session"
-    yield Fault("stall 2 s, burst", partial(stalled, 2.0), again, route, **_NO_FORCE, **_LOST)
+    yield Fault("stall 2 s, burst", partial(_stalled, 2.0), again, route, **_NO_FORCE, **_LOST)
     yield Fault(
-        "stall 0.3 s, burst", partial(stalled, 0.3), "stall over", route, **_NO_FORCE,
+        "stall 0.3 s, burst", partial(_stalled, 0.3), "stall over", route, **_NO_FORCE,
         events=(_WATCHDOG, _LATE, heard("watchdog")), flights=_BOTH,
     )  # fmt: skip
     yield Fault(
         "all lost for 0.4 s, three times", partial(_cut, 0.4, 3), "by itself, each time", route, **_NO_FORCE,
         events=(_WATCHDOG,), flights=_BOTH,
     )  # fmt: skip
-    yield Fault("30 % loss 4 s", partial(_shaped, 4.0, loss=0.3), "loss over", route, may_go_on=True)
-    mixed = partial(_shaped, 5.0, duplicate=0.05, reorder=0.05, reorder_hold_s=0.020)
+    yield Fault("30 % loss 4 s", partial(shaped, 4.0, loss=0.3), "loss over", route, may_go_on=True)
+    mixed = partial(shaped, 5.0, duplicate=0.05, reorder=0.05, reorder_hold_s=0.020)
     yield Fault("5 % doubled, 5 % overtaken by 20 ms, 5 s", mixed, "nothing to recover", route)
 
 
@@ -460,7 +460,7 @@ def _of_connections(route: Route) -> Iterable[Fault]:
         changing=True, rest_s=route.by_watchdog_s, faded_s=route.faded_s, events=(_WATCHDOG, _LATE),
         flights=_BOTH,
     )  # fmt: skip
-    same = partial(_shaped, 5.0)
+    same = partial(shaped, 5.0)
     yield Fault("200 ms there, 10 ms back", same, "nothing to recover", r.ASYMMETRIC, finding=_clock_bound)
 
 
