@@ -48,11 +48,6 @@ def expired_pki(folder: Path) -> Path:
     return make_pki(folder, now=now_utc() - timedelta(days=3))
 
 
-def free_endpoint(protocol: str = "tls") -> str:
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        return f"{protocol}/127.0.0.1:{probe.getsockname()[1]}"
-
-
 def identity(pki: Path, role: PartyRole, authority: Path | None = None) -> PartyFiles:
     """The files of a role; `authority`: whom it trusts, where that is not its own."""
     return PartyFiles(authority or pki / AUTHORITY, pki / f"{role}.crt", pki / f"{role}.key")

@@ -13,7 +13,8 @@ import zenoh
 from forefeel.common.topics import COMMAND, EMERGENCY_STOP, FORCE, SAFETY_EVENT, Qos
 from forefeel.common.transport.security import PartyRole
 from forefeel.common.transport.zenoh_bus import ZenohTransport
-from tests.secured import CELL, Secured, connected, expired_pki, free_endpoint, make_pki, sessions
+from tests.live_cell import free_port
+from tests.secured import CELL, Secured, connected, expired_pki, make_pki, sessions
 from tests.waiting import wait_until
 
 COMMANDED = COMMAND.taken_key(CELL, "insertion")
@@ -73,7 +74,7 @@ def overhear(session: zenoh.Session, key: str) -> "zenoh.Subscriber[zenoh.handle
 
 
 def test_stranger_without_valid_certificate_is_not_connected(net: Secured, tmp_path: Path) -> None:
-    pki, endpoint = make_pki(tmp_path / "pki"), free_endpoint()
+    pki, endpoint = make_pki(tmp_path / "pki"), f"tls/127.0.0.1:{free_port()}"
     slave = net.open(pki, "slave", [endpoint])
     heard = heard_by(slave, COMMANDED, STOPPED)
     foreign = make_pki(tmp_path / "foreign")  # the same names, another authority
@@ -95,7 +96,7 @@ def test_stranger_without_valid_certificate_is_not_connected(net: Secured, tmp_p
 
 
 def test_role_may_do_its_own_and_nothing_else(net: Secured, tmp_path: Path) -> None:
-    pki, endpoint = make_pki(tmp_path / "pki", (CELL, "other")), free_endpoint()
+    pki, endpoint = make_pki(tmp_path / "pki", (CELL, "other")), f"tls/127.0.0.1:{free_port()}"
     slave = net.open(pki / CELL, "slave", [endpoint])
     heard = heard_by(slave, COMMANDED, STOPPED)
     master = net.open(pki / CELL, "master", (), [endpoint])
@@ -128,7 +129,7 @@ def test_role_may_do_its_own_and_nothing_else(net: Secured, tmp_path: Path) -> N
 
 def test_router_keeps_cells_to_themselves(net: Secured, tmp_path: Path) -> None:
     cells = ("a", "b")
-    pki, endpoint = make_pki(tmp_path / "pki", cells), free_endpoint()
+    pki, endpoint = make_pki(tmp_path / "pki", cells), f"tls/127.0.0.1:{free_port()}"
     router = net.router(pki, endpoint, cells)
     masters, commands = {}, {}
     for cell in cells:
