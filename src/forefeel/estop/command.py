@@ -52,7 +52,7 @@ PARSER = _Parser(
 PARSER.add_option("--config", metavar="FILE", help="Of slave or master: its socket, else the network.")
 PARSER.add_option("--cell", help="Without --config: which cell.")
 PARSER.add_option("--connect", action="append", metavar="ENDPOINT", help="Where; repeat it.")
-PARSER.add_option("--axis", action="append", help="Which axes; every one that is heard.")
+PARSER.add_option("--axis", action="append", help="Over the network: which; every one that is heard.")
 PARSER.add_option("--reason", default=_REASON, help="Stands in the event log.")
 PARSER.add_option("--pki", metavar="DIR", help="Certificates of the role viewer.")
 PARSER.add_option(
