@@ -35,12 +35,15 @@ def test_an_empty_run_has_a_page(tmp_path: Path) -> None:
     assert "<canvas" not in (tmp_path / "report.html").read_text()
 
 
-def test_one_message_of_each_and_a_model_that_ran_away_have_a_page(tmp_path: Path) -> None:
+@pytest.mark.parametrize("parameters", [{}, {"values": ()}])
+def test_one_message_of_each_and_a_model_that_ran_away_have_a_page(
+    tmp_path: Path, parameters: dict[str, tuple[float, ...]]
+) -> None:
     with recorded(tmp_path / "run.mcap") as run:
         run.haptics(0, 1, predicted_n=MOST_FORCE_N, zoh_n=0.0, answered=1, delay_s=0.0)
         run.force(0, 1.0, answers=1)
         run.slave_state(0, S.ARMED)
-        run.say(PARAMETERS, 0)
+        run.say(PARAMETERS, 0, **parameters)
         run.say(MASTER_TIMING, 0)
     report = write_report(tmp_path / "run.mcap", tmp_path)
     assert report.prediction.rms_n == pytest.approx(MOST_FORCE_N, rel=1e-3)

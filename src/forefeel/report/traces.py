@@ -210,14 +210,14 @@ def _session_end_ns(run: Run, axis: str, end_ns: int) -> int:
 def _parameters(run: Run, axis: str, start_ns: int) -> ParameterTraces | None:
     """Parameters of the model used last, without messages of other models; None where there is none."""
     messages = list(run.messages(axis, PARAMETERS))
-    if not messages or not messages[-1].names:
-        return None
-    names = messages[-1].names
+    names = messages[-1].names if messages else ()
     rows = [
         i
         for i, message in enumerate(messages)
         if message.names == names and len(message.values) == len(message.standard_deviations) == len(names)
     ]
+    if not names or not rows:
+        return None
     return ParameterTraces(
         names=names,
         time_s=_time_s(run, axis, PARAMETERS, start_ns)[rows],
