@@ -154,7 +154,7 @@ class SlaveAxis:
     @property
     def latch_persisted(self) -> bool:
         """True when a new start would find the axis latched, or not, as it is now."""
-        return self._event_sink.is_persisted(self.name)
+        return self._event_sink.is_persisted(self.name, self.state is SafetyState.ESTOPPED)
 
     def _device_failed(self, device: str, reason: str) -> None:
         self.events.device_fault(device, reason)
@@ -203,6 +203,7 @@ class SlaveAxis:
             self._device_failed("load_cell", wrong)
         setpoint = self._control.limiter.position_m, self._control.limiter.force_limited
         outputs = self._control.tick(now_ns, self._inputs(now_ns, cleared))
+        self._report_transitions(now_ns, outputs.transitions)  # first: a stop is latched whatever fails below
         holder = self._session.holder
         followed = self._executing, self._behind_ns
         self._forces.note(Instant(now_ns, self._watch.stage, *followed, self._grip, *setpoint))
@@ -211,7 +212,6 @@ class SlaveAxis:
         self._executing, self._behind_ns = outputs.executing, outputs.behind_ns
         self._apply(outputs, now_ns)
         self.events.cycle(now_ns, outputs, self._watch, self._grip, self._control.machine.state, holder)
-        self._report_transitions(now_ns, outputs.transitions)
         held = self._grip is Grip.CLOSED and follows
         warned = self._instrument.take(now_ns, stage, force_n, self._watch.force.valid, held)
         for hit in (*outputs.limits, *warned):

@@ -49,9 +49,11 @@ class EventSink:
     def flight(self, axis: str, event: str, reason: str, now_ns: int) -> None:
         """Requests a flight record of the last 2 s and the next half second."""
 
-    def is_persisted(self, axis: str) -> bool:
-        """True when a new start would find the axis latched, or not latched, as it is now."""
-        del axis
+    def is_persisted(self, axis: str, stopped: bool) -> bool:
+        """True when a new start would find the axis latched, or not latched, as it is now. `stopped`: it is in
+        an emergency stop.
+        """
+        del axis, stopped
         return True
 
     def thread_fault(self, axis: str, error: BaseException, now_ns: int) -> None:

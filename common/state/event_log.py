@@ -160,8 +160,8 @@ class StateEventSink(EventSink):
             self._latch.transition(axis, details)
         self._log.note(event, now_ns, axis, details)
 
-    def is_persisted(self, axis: str) -> bool:
-        return self._latch.is_persisted(axis)
+    def is_persisted(self, axis: str, stopped: bool) -> bool:
+        return self._latch.is_persisted(axis, stopped)
 
     def flight(self, axis: str, event: str, reason: str, now_ns: int) -> None:
         self._flight.ask(axis, event, reason, now_ns)

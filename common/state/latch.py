@@ -81,10 +81,13 @@ class Latch:
         elif before in HALTED and after not in HALTED:
             self._set_reason(axis, None)
 
-    def is_persisted(self, axis: str) -> bool:
-        """True when the file says of the axis what it should, so that a new start finds the same."""
-        written = self._written
-        return written is not None and written.get(axis) == self._wanted.get(axis)
+    def is_persisted(self, axis: str, stopped: bool) -> bool:
+        """True when the file says of the axis what it should, so that a new start finds the same. `stopped`:
+        it is in an emergency stop, of which the transition may not have come here yet.
+        """
+        written, wanted = self._written, self._wanted.get(axis, self._wanted.get(_ALL))
+        known = wanted is not None or not stopped
+        return known and written is not None and written.get(axis, written.get(_ALL)) == wanted
 
     def _set_reason(self, axis: str, reason: str | None) -> None:
         """Sets the reason for which an axis is latched (None: removes it) and wakes the worker, which writes

@@ -201,8 +201,8 @@ class SlowLatch(Book):
         super().__init__()
         self.left = left
 
-    def is_persisted(self, axis: str) -> bool:
-        del axis
+    def is_persisted(self, axis: str, stopped: bool) -> bool:
+        del axis, stopped
         self.left -= 1
         return self.left < 0
 

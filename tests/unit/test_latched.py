@@ -1,7 +1,10 @@
 """What is logged of stops and refusals, and what a clearing clears and says."""
 
+import pytest
+
 from forefeel.common import topics
 from forefeel.common.codec import encode
+from forefeel.common.errors import RunError
 from forefeel.common.messages import SafetyState
 from tests.messages import usual
 from tests.unit.rigs import START_M, Book, Cell, SlaveRig
@@ -39,6 +42,20 @@ def test_a_flood_of_stops_is_coalesced_and_the_first_stops_at_once() -> None:
     assert 1 <= len(asked) <= 3
     assert sum(int(str(e["count"])) for e in asked) >= 5000
     assert (asked[0]["by"], asked[0]["reason"]) == ("nurse", "press 0")
+
+
+def test_a_stop_is_latched_whatever_fails_in_its_tick(monkeypatch: pytest.MonkeyPatch) -> None:
+    book = Book()
+    rig = SlaveRig(event_sink=book).armed()
+
+    def broken(*_: object) -> None:
+        raise RunError("session is closed")
+
+    monkeypatch.setattr(rig.axis._forces, "send", broken)
+    rig.stop()
+    with pytest.raises(RunError):
+        rig.step()
+    assert book.of("safety")[-1]["after"] == "estopped"
 
 
 def test_a_stop_of_a_stopped_axis_is_told_once_for_all_its_repetitions() -> None:

@@ -190,15 +190,16 @@ def test_latch_is_kept_once_on_disk(latch: Latch, path: Path, monkeypatch: pytes
     real = os.fsync
 
     def fsync(descriptor: int) -> None:
-        assert not latch.is_persisted("a")
+        assert not latch.is_persisted("a", False)
         synced.append(latched(path))
         real(descriptor)
 
     monkeypatch.setattr("forefeel.common.state.latch.os.fsync", fsync)
+    assert not latch.is_persisted("a", True), "its transition comes later than its state"
     for transition in STOPPED, CLEARED:
         latch.transition("a", transition)
         latch.write()
-        assert latch.is_persisted("a")
+        assert latch.is_persisted("a", transition is STOPPED)
     assert synced == [{"a": "pressed"}, {}]
 
 
@@ -241,9 +242,9 @@ def test_latch_without_room_is_a_problem(latch: Latch, path: Path, monkeypatch: 
         latch.transition("a", STOPPED)
         latch.write()
         latch.write()
-        assert not latch.is_persisted("a")
+        assert not latch.is_persisted("a", True)
     latch.write()
-    assert latch.is_persisted("a")
+    assert latch.is_persisted("a", True)
     assert latched(path) == {"a": "pressed"}, "as it is after a kill"
     assert [problem is None for problem in told] == [False, True]
 
