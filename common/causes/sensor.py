@@ -174,17 +174,21 @@ class SensorQuantisation(SensorEffect):
 
 
 class SensorSaturation(SensorEffect):
-    """Clips to +- limit_n."""
+    """Clips to -lower_n and upper_n; `limit_n` sets both."""
 
     name = "sensor_saturation"
-    parameters = (Parameter("limit_n", "N", 1e4, 1e-9, 1e6, linear=False),)
+    parameters = (
+        Parameter("upper_n", "N", 1e4, 1e-9, 1e6, linear=False),
+        Parameter("lower_n", "N", 1e4, 0.0, 1e6, linear=False),
+    )
+    shorthands = {"limit_n": ("upper_n", "lower_n")}  # noqa: RUF012 - a ClassVar of the base
     reference = "end of the measuring range"
     fingerprint = "flat tops: many readings at exactly the largest magnitude"
     words = "the end of the load cell's range"
     remedy = "use a load cell of a larger range, or limit the force"
 
     def reading(self, m: Kinematics, force_n: Value) -> Value:
-        return m.clip(force_n, -self.values["limit_n"], self.values["limit_n"])
+        return m.clip(force_n, -self.values["lower_n"], self.values["upper_n"])
 
 
 _SLOTS = 10

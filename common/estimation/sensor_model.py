@@ -17,18 +17,19 @@ class SensorModel:
     """Lags, delays and end of the range of a model's sensor; its other effects are left out.
 
     Attributes:
-        limit_n: the largest reading; infinite without a saturation.
+        lower_n, upper_n: ends of the range; infinite without a saturation.
     """
 
     def __init__(self, model: ContactModel) -> None:
         self._linear: list[tuple[type[SensorEffect], dict[str, float]]] = []
-        self.limit_n = inf
+        self.lower_n, self.upper_n = -inf, inf
         for entry in model.effects:
             kind, values = effect_class(entry.effect), dict(entry.parameters)
             if issubclass(kind, SensorEffect) and kind.linear:
                 self._linear.append((kind, values))
             elif kind is SensorSaturation:
-                self.limit_n = min(self.limit_n, values["limit_n"])
+                self.lower_n = max(self.lower_n, -values["lower_n"])
+                self.upper_n = min(self.upper_n, values["upper_n"])
 
     def chain(self) -> Sense:
         """Returns a new chain of lags and delays, at rest: a function (t s, force N, dt s) -> reading in N.
@@ -45,8 +46,8 @@ class SensorModel:
         return sense
 
     def limited(self, force_n: float) -> float:
-        return max(-self.limit_n, min(self.limit_n, force_n))
+        return max(self.lower_n, min(self.upper_n, force_n))
 
     def at_limit(self, force_n: float) -> bool:
         """True if a reading in N is at the end of the range, and so only a bound of the force."""
-        return abs(force_n) >= 0.999 * self.limit_n
+        return force_n >= 0.999 * self.upper_n or force_n <= 0.999 * self.lower_n

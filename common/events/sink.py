@@ -50,8 +50,8 @@ class EventSink:
         """Requests a flight record of the last 2 s and the next half second."""
 
     def is_persisted(self, axis: str, stopped: bool) -> bool:
-        """True when a new start would find the axis latched, or not latched, as it is now. `stopped`: it is in
-        an emergency stop.
+        """True when a new start would find the axis latched, or not latched, as it is now. `stopped`: it is
+        in an emergency stop.
         """
         del axis, stopped
         return True

@@ -10,6 +10,7 @@ from forefeel.common.recording.recording import Recording
 from forefeel.diagnosis.confirmation import Confirmation, confirm
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose
 from forefeel.diagnosis.expected_gain import less_own
+from forefeel.diagnosis.extended_model import extended_model
 from forefeel.diagnosis.sensor_faults import clean
 from forefeel.results.confirmation_text import confirmation_lines
 from tests.unit.diagnosis_samples import FRICTION_N, made, one_sine
@@ -121,6 +122,20 @@ def test_what_a_known_limit_has_clipped_does_not_count() -> None:
     assert not clean(other).clipped.any()
     assert np.mean(clean(other, found.diagnosis.causes).clipped) > 0.5
     assert on(found, other).ratio < 2.0
+
+
+def test_a_load_cell_that_only_pushes_has_one_end() -> None:
+    """Of 0 to 10 N, say: the model and another recording are clipped on that side alone."""
+    free = strokes(friction_n=FRICTION_N)
+    force_n = np.asarray(free.force_n) - 0.15
+    found = diagnose(replace(free, force_n=np.maximum(force_n, 0.0)))
+    causes = {cause.name: cause for cause in found.diagnosis.causes}
+    assert list(causes["sensor_saturation"].parameters) == ["lower_n"]
+    assert causes["coulomb_friction"].parameters["force_n"].value == pytest.approx(FRICTION_N, rel=0.05)
+    clipped = clean(replace(free, force_n=force_n), found.diagnosis.causes).clipped
+    assert np.array_equal(clipped, force_n <= 0.0)
+    (entry,) = (e for e in extended_model(found.analysis, "bench").effects if e.effect == "sensor_saturation")
+    assert entry.instance().values == {"upper_n": 1e4, "lower_n": 0.0}
 
 
 def test_what_can_not_be_diagnosed_confirms_nothing(rubbing: Diagnosed) -> None:

@@ -89,7 +89,10 @@ def _merged(faults: list[tuple[Cause, float]], total_s: float) -> Cause | None:
     if longest.name in (SensorQuantisation.name, MainsHum.name) and share < 0.5:
         return None
     parameters = {
-        key: _together([fault.parameters[key] for fault, _ in faults], share if key == "rate_hz" else 1.0)
+        key: _together(
+            [fault.parameters[key] for fault, _ in faults if key in fault.parameters],
+            share if key == "rate_hz" else 1.0,
+        )
         for key in longest.parameters
     }
     rms_n = float(np.sqrt(np.mean([fault.explained_n**2 for fault, _ in faults]) * share))
