@@ -132,17 +132,19 @@ def _add(families: Families, axis: str, role: str, message: Message) -> None:
 
 def _add_loop(families: Families, timing: LoopTiming, **labels: str) -> None:
     """Adds the lateness of a loop's ticks as a histogram in s, with its sum from the middles of the bins (the
-    open last one left out), and the count of missed ticks.
+    open last one left out), and the count of missed ticks; only that where counts and edges do not fit.
     """
+    families.counter("loop_missed", "deadlines that were skipped", timing.missed, **labels)
+    if len(timing.counts) != len(timing.edges_us) + 1:
+        return
     ends = [*(f"{edge * 1e-6:g}" for edge in timing.edges_us), "+Inf"]
-    buckets = list(zip(ends, accumulate(timing.counts), strict=False))
+    buckets = list(zip(ends, accumulate(timing.counts), strict=True))
     mean_s = sum(
         0.5e-6 * (low + high) * count
         for low, high, count in zip((0.0, *timing.edges_us), timing.edges_us, timing.counts, strict=False)
     )
     name = "loop_lateness_seconds"
     families.add(HistogramMetricFamily, name, "of its ticks", (buckets, mean_s), **labels)
-    families.counter("loop_missed", "deadlines that were skipped", timing.missed, **labels)
 
 
 def serve(collector: Collector, address: str, port: int) -> tuple[WSGIServer, threading.Thread]:

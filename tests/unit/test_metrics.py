@@ -88,6 +88,10 @@ def test_a_loop_is_a_histogram_in_seconds() -> None:
     assert at(found, "forefeel_loop_lateness_seconds_sum", **labels) == pytest.approx(275e-6)
     assert at(found, "forefeel_loop_lateness_seconds_count", **labels) == 10
     assert at(found, "forefeel_loop_missed_total", **labels) == 1
+    for edges_us, counts in ((50.0,), ()), ((), (1, 2)):  # lengths that do not fit
+        unfit = values(heard(SLAVE_TIMING, **timing | {"edges_us": edges_us, "counts": counts}))
+        assert at(unfit, "forefeel_loop_missed_total", **labels) == 1
+        assert not any("lateness" in name for name, _ in unfit)
 
 
 def test_what_a_stranger_says_stays_bounded() -> None:
