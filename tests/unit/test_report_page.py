@@ -5,10 +5,10 @@ import pytest
 from forefeel.common.errors import RecordingError, RunError
 from forefeel.common.messages import MOST_FORCE_N
 from forefeel.common.recording.mcap_writer import RunWriter
-from forefeel.common.topics import CALIBRATION, MASTER_TIMING, PARAMETERS
+from forefeel.common.topics import CALIBRATION, HAPTICS, MASTER_TIMING, PARAMETERS
 from forefeel.report.page import write_report
 from tests.unit.page_checks import check_page
-from tests.unit.report_run import RunBuilder, S, recorded, write_known_run
+from tests.unit.report_run import VESSEL, RunBuilder, S, recorded, write_known_run
 
 HOSTILE = '<script>alert("1")</script>'
 TITLES = "In the vessel", "Force", "Identified parameters"
@@ -48,6 +48,21 @@ def test_one_message_of_each_and_a_model_that_ran_away_have_a_page(
     report = write_report(tmp_path / "run.mcap", tmp_path)
     assert report.prediction.rms_n == pytest.approx(MOST_FORCE_N, rel=1e-3)
     assert "0 ms ahead" in (tmp_path / "report.html").read_text()
+
+
+@pytest.mark.parametrize(("unknown", "figures"), [("delay_s", 1), ("force_age_s", 1), ("snapshot", 2)])
+def test_without_a_delay_or_an_age_of_a_force_the_vessel_is_not_drawn(
+    tmp_path: Path, unknown: str, figures: int
+) -> None:
+    known = {"predicted_n": 1.0, "zoh_n": 2.0, "rendered_n": 1.0, "command_position_m": 0.001}
+    times = {"delay_s": 0.02, "force_age_s": 0.01, "answered_sequence": 1, "snapshot": 1}
+    with RunWriter(tmp_path / "run.mcap") as writer:
+        writer.add_metadata("run", {"vessel": VESSEL})
+        run = RunBuilder(writer)
+        run.say(HAPTICS, 0, sequence=1, **known | times | {unknown: None})
+        run.force(0, 1.5, answers=1)
+    write_report(tmp_path / "run.mcap", tmp_path)
+    check_page((tmp_path / "report.html").read_text(), figures)
 
 
 def test_every_calibration_is_one_line_however_often_it_was_said(tmp_path: Path) -> None:

@@ -141,14 +141,15 @@ def render_page(report: RunReport, run: Run) -> str:
 
 def still(run: Run, axis: str, traces: AxisTraces) -> Figure | None:
     """Figure of the vessel when the late force was furthest from the measured one of the same command. None
-    where the recording names no vessel of this axis, the gripper was opened in the run, or no command was
-    scored.
+    where the recording names no vessel of this axis, the gripper was opened in the run, no command was
+    scored, or no delay or no age of a force is known.
     """
     vessel, of, known = of_recording(run.metadata), traces.commands, traces.parameters
     rows = np.flatnonzero(scored(of.predicted_n, of.zoh_n, of.force_n))
     # what was gripped anew is inserted by another length
     regripped = any(state.gripper is Grip.OPEN for state in run.messages(axis, SLAVE_STATE))
-    if vessel is None or vessel.axis != axis or regripped or not len(rows):
+    late = len(traces.delay_s) and np.isfinite(traces.force_age_s).any()
+    if vessel is None or vessel.axis != axis or regripped or not len(rows) or not late:
         return None
     row = rows[np.argmax(np.abs(of.zoh_n - of.force_n)[rows])]
     reported_s = of.time_s[row] - np.nanmedian(traces.force_age_s)
