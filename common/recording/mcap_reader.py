@@ -159,7 +159,7 @@ class Run:
             if other != axis and len(at):
                 read_m = self.column(other, FORCE, "position_m")[first]
                 values_m = np.interp(stamps_ns - at[0], at - at[0], read_m)
-                if np.ptp(values_m) > 0.0:
+                if np.diff(values_m).any():
                     yield Column(other, "m", values_m)
 
     def impairment_trace(self, topic: str, link: str) -> tuple[tuple[int, ...], ...]:

@@ -102,8 +102,8 @@ class RunSpans:
         RecordingError where it is damaged.
         """
         with opened(self.path) as file:
-            file.seek(at + _RECORD_HEAD_BYTES)
             try:
+                file.seek(at + _RECORD_HEAD_BYTES)
                 records = unpacked(Chunk.read(ReadDataStream(file)), room_of(self.path))
             except DAMAGE as error:
                 raise damaged(self.path, at, error) from error

@@ -177,6 +177,16 @@ def test_a_recording_is_made_of_the_valid_samples_in_the_order_of_their_stamps(t
         assert recording.force_n.tolist() == [0.0, 1 / 3, 2 / 3, 5 / 3]
 
 
+def test_an_axis_without_a_valid_force_is_refused_also_beside_one_that_moves(path: Path) -> None:
+    with RunWriter(path) as writer:
+        for i in range(4):
+            put(writer, force(i))
+            put(writer, force(i, valid=False), axis="rotation")
+    with pytest.raises(RecordingError, match=r"0 sample\(s\)"):
+        load_recording(path, axis="rotation")
+    assert [column.name for column in load_recording(path, axis=AXIS).further] == ["rotation"]
+
+
 def test_a_cut_file_is_told(tmp_path: Path) -> None:
     write_forces(tmp_path / "run.mcap", [force(i) for i in range(4)])
     people.mcap(tmp_path / "ros2.mcap")

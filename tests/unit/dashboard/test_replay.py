@@ -1,5 +1,6 @@
 """A recording is read a span at a time, and shows what a viewer saw who was there."""
 
+import struct
 from pathlib import Path
 
 import pytest
@@ -103,6 +104,15 @@ def test_going_on_is_the_same_as_going_there(run_file: Path) -> None:
         now_ns = played.go_to(step * 0.05, 20.0)
     assert sought.go_to(5.0, 20.0) == now_ns
     assert Feed().answer(played.cell, AXIS, now_ns) == Feed().answer(sought.cell, AXIS, now_ns)
+
+
+def test_a_damaged_place_of_a_chunk_is_one_line(run_file: Path, tmp_path: Path) -> None:
+    place, damaged = RunSpans(run_file)._chunks[0].at, tmp_path / "damaged.mcap"
+    content, summary = run_file.read_bytes(), struct.pack("<Q", place)
+    assert summary in content
+    damaged.write_bytes(content.replace(summary, b"\xff" * 8))
+    with pytest.raises(RecordingError, match="damaged at byte"):
+        list(RunSpans(damaged).between(0, 2**63, [FORCE]))
 
 
 def test_after_a_damaged_stretch_nothing_is_taken_twice(run_file: Path, tmp_path: Path) -> None:
