@@ -27,6 +27,8 @@ def time_offset_s(time_s: Floats, estimate_n: Floats, force_n: Floats) -> float 
         return None
     order = np.argsort(time_s, kind="stable")
     time_s, estimate_n, force_n = time_s[order], estimate_n[order], force_n[order]
+    # no shift reaches over a pause of twice the longest; what is beyond that would only take memory
+    time_s = time_s - np.cumsum((np.diff(time_s, prepend=time_s[0]) - 2 * LONGEST_OFFSET_S).clip(0.0))
     grid_s = np.arange(time_s[0], time_s[-1], _STEP_S)
     # rounding may take the last place of the grid past the end
     after = np.searchsorted(time_s, grid_s).clip(1, len(time_s) - 1)
