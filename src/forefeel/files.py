@@ -70,7 +70,7 @@ def write_all(folder: Path, texts: Mapping[str, str], written: list[str]) -> Non
 
 def write_whole(path: Path, text: str, what: str = "the report") -> None:
     with whole(path, what) as part:
-        part.write_text(text, encoding="utf-8")
+        part.write_text(text, encoding="utf-8", errors="replace")  # a file name may be no UTF-8
 
 
 @contextmanager

@@ -6,6 +6,7 @@ from forefeel.common.errors import RecordingError, RunError
 from forefeel.common.messages import MOST_FORCE_N
 from forefeel.common.recording.mcap_writer import RunWriter
 from forefeel.common.topics import CALIBRATION, HAPTICS, MASTER_TIMING, PARAMETERS
+from forefeel.files import write_whole
 from forefeel.report.page import write_report
 from tests.unit.page_checks import check_page
 from tests.unit.report_run import VESSEL, RunBuilder, S, recorded, write_known_run
@@ -33,6 +34,14 @@ def test_an_empty_run_has_a_page(tmp_path: Path) -> None:
         pass
     write_report(tmp_path / "run.mcap", tmp_path)
     assert "<canvas" not in (tmp_path / "report.html").read_text()
+
+
+def test_file_name_that_is_no_utf_8_has_a_question_mark_for_its_byte(tmp_path: Path) -> None:
+    path = tmp_path / "run\udcfc.mcap"
+    RunWriter(path).close()
+    assert write_report(path, tmp_path).recording == "run?.mcap"
+    write_whole(tmp_path / "diagnosis.json", "run\udcfc")
+    assert (tmp_path / "diagnosis.json").read_text() == "run?"
 
 
 @pytest.mark.parametrize("parameters", [{}, {"values": ()}])

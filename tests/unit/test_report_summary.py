@@ -178,7 +178,7 @@ def test_only_what_changed_a_motion_counts_as_limited(run: Recorded) -> None:
     assert "111 motions limited" in ten_lines(report)[7]
 
 
-@pytest.mark.parametrize("lost", ["7", "many"])
+@pytest.mark.parametrize("lost", ["7", "many", "9" * 5000])
 def test_what_the_recorder_missed_is_counted(run: Recorded, lost: str) -> None:
     run.writer.add_metadata("recorder", {"lost": lost, "malformed": "2"})
     assert run.report().counters == {"recorder_malformed": 2, **({"recorder_lost": 7} if lost == "7" else {})}

@@ -7,6 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from forefeel.common.events.console import printable
 from forefeel.common.messages import Handshake, LoopTiming, Message
 from forefeel.common.recording.mcap_reader import Run
 from forefeel.common.topics import (
@@ -75,7 +76,7 @@ def summarise(run: Run) -> RunReport:
     of_run = metadata.get("run", {})
     fields: dict[str, Any] = {
         **dict(first),
-        "recording": run.path.name,
+        "recording": printable(run.path.name),
         "cell": run.cell,
         "duration_s": (end_ns - start_ns) * 1e-9,
         "truncated": run.truncated,
@@ -308,7 +309,8 @@ def axis_counters(run: Run, axis: str) -> dict[str, int]:
 def recorder_counters(run: Run) -> dict[str, int]:
     """Messages that the recorder has not in its file, by reason, as it noted them."""
     noted = run.metadata.get("recorder", {})
-    return {f"recorder_{name}": int(n) for name, n in sorted(noted.items()) if n.isdecimal()}
+    short = {name: n for name, n in noted.items() if len(n) < 20}  # a longer one may be too long for int()
+    return {f"recorder_{name}": int(n) for name, n in sorted(short.items()) if n.isdecimal()}
 
 
 def impairment_counters(run: Run) -> dict[str, int]:
