@@ -5,8 +5,9 @@ import pytest
 from forefeel.common.errors import RecordingError, RunError
 from forefeel.common.messages import MOST_FORCE_N
 from forefeel.common.recording.mcap_writer import RunWriter
-from forefeel.common.topics import CALIBRATION, HAPTICS, MASTER_TIMING, PARAMETERS
+from forefeel.common.topics import CALIBRATION, HAPTICS, MASTER_TIMING, PARAMETERS, SAFETY_EVENT
 from forefeel.files import write_whole
+from forefeel.loopback.outcome import amber_lines
 from forefeel.report.page import write_report
 from tests.unit.page_checks import check_page
 from tests.unit.report_run import VESSEL, RunBuilder, S, recorded, write_known_run
@@ -72,6 +73,19 @@ def test_without_a_delay_or_an_age_of_a_force_the_vessel_is_not_drawn(
         run.force(0, 1.5, answers=1)
     write_report(tmp_path / "run.mcap", tmp_path)
     check_page((tmp_path / "report.html").read_text(), figures)
+
+
+def test_fault_after_a_hundred_transitions_is_a_note_though_no_line_of_the_table(tmp_path: Path) -> None:
+    with recorded(tmp_path / "run.mcap") as run:
+        for t_ms in range(0, 120, 2):
+            run.say(SAFETY_EVENT, t_ms, before=S.READY, event="engage", after=S.ENGAGING)
+            run.say(SAFETY_EVENT, t_ms + 1, before=S.ENGAGING, event="release", after=S.READY)
+        run.say(SAFETY_EVENT, 2500, before=S.READY, event="fault", after=S.FAULT, reason="load cell is blind")
+    report = write_report(tmp_path / "run.mcap", tmp_path)
+    page = (tmp_path / "report.html").read_text()
+    (fault,) = amber_lines(report)
+    assert "2.5 s" in fault and fault in report.notes
+    assert (page.count("<td>engage</td>"), page.count("load cell is blind")) == (50, 1)
 
 
 def test_every_calibration_is_one_line_however_often_it_was_said(tmp_path: Path) -> None:

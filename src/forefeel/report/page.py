@@ -29,7 +29,7 @@ from forefeel.report.drawing import (
 )
 from forefeel.report.model import AxisReport, Loops, RunReport, ScoredCommands
 from forefeel.report.score import scored
-from forefeel.report.summary import MOST_EVENTS, SETTLING_S, last, summarise
+from forefeel.report.summary import SETTLING_S, last, summarise
 from forefeel.report.template import render
 from forefeel.report.traces import AxisTraces, ParameterTraces, axis_traces, sent_ns
 from forefeel.report.transparency import JND_FLOOR_N, JND_SHARE, Transparency
@@ -52,6 +52,7 @@ from forefeel.terminal import answer, suggest
 FILES = ("report.json", "report.html")
 _TRIM = 0.002  # share of the highest and of the lowest values of a trace that may lie outside of its picture
 
+_MOST_EVENTS = 100  # in the table
 _MOST_PARAMETERS = 24  # that are drawn
 _LONGEST = 99  # characters of a line in the terminal
 _REASONS = {
@@ -130,7 +131,7 @@ def render_page(report: RunReport, run: Run) -> str:
         stills={axis: still(run, axis, of) for axis, of in traces.items()},
         pictures={axis: picture(of) for axis, of in traces.items()},
         parameters={axis: parameters(of) for axis, of in traces.items()},
-        most_events=MOST_EVENTS,
+        most_events=_MOST_EVENTS,
         story=story,
         settling_s=SETTLING_S,
         not_scored=not_scored,

@@ -47,7 +47,6 @@ from forefeel.report.wording import fault_texts, share
 SETTLING_S = 3.0
 """From the first scored command to the first one that counts as settled."""
 _SILENT_S = 1.0  # A master that is silent for so long has missed ten of its states
-MOST_EVENTS = 100
 _LIMITED_SHARE = 0.05  # a simulated vessel comes to 0.2 %
 _HAND_LIMITS = {
     "rendered_force": "cut off: rendering.max_force_n = {applied:.3g} would have to be {requested:.3g}, or "
@@ -242,11 +241,10 @@ def _model_fields(run: Run, axis: str) -> dict[str, Any]:
 
 
 def _safety_events(run: Run, axis: str, start_ns: int) -> tuple[SafetyNote, ...]:
-    """The first MOST_EVENTS transitions; the counters count all."""
-    stamps = sent_ns(run, axis, SAFETY_EVENT)[:MOST_EVENTS].tolist()
+    stamps = sent_ns(run, axis, SAFETY_EVENT).tolist()
     return tuple(
         SafetyNote(time_s=(stamp_ns - start_ns) * 1e-9, **event.model_dump(include=_OF_EVENT))
-        for stamp_ns, event in zip(stamps, run.messages(axis, SAFETY_EVENT), strict=False)
+        for stamp_ns, event in zip(stamps, run.messages(axis, SAFETY_EVENT), strict=True)
     )
 
 
