@@ -86,9 +86,10 @@ def write_known_run(path: Path, reason: str = "deadman pressed", seed: str = "7"
         run = RunBuilder(writer)
         writer.add_metadata("run", {"seed": seed, "impairment": "wan", "vessel": VESSEL})
         run.say(topics.SLAVE_HANDSHAKE, 0, **HANDSHAKE)
+        run.say(topics.MASTER_STATE, 0, clutched_s=7.0)  # the recorder starts later than the daemons
         for t_ms in range(0, 10_001, 20):
             state = S.IDLE if t_ms < 1000 else S.ARMED if 2000 <= t_ms < 8000 else S.READY
-            run.slave_state(t_ms, state, stops=t_ms // 5000, counters={"refused_late": t_ms})
+            run.slave_state(t_ms, state, stops=3 + t_ms // 5000, counters={"refused_late": t_ms})
         run.say(topics.SAFETY_EVENT, 2000, before=S.READY, event="engage", after=S.ENGAGING, reason=reason)
         for k in range(1, COMMANDS + 1):
             force_n, sign = float(k), 1 if k % 2 else -1
@@ -108,7 +109,7 @@ def write_known_run(path: Path, reason: str = "deadman pressed", seed: str = "7"
                 identifiable=("m and k only as k - 0.99 m",),
             )  # fmt: skip
         run.say(
-            topics.MASTER_STATE, 10_000, clutched_s=0.5, clock_offset_ns=-2 * MS, clock_bound_ns=3 * MS,
+            topics.MASTER_STATE, 10_000, clutched_s=7.5, clock_offset_ns=-2 * MS, clock_bound_ns=3 * MS,
             counters={"forces_unused": 3},
         )  # fmt: skip
         for topic, t_ms in product((topics.MASTER_TIMING, topics.SLAVE_TIMING), (9000, 9900)):

@@ -178,6 +178,13 @@ def test_only_what_changed_a_motion_counts_as_limited(run: Recorded) -> None:
     assert "111 motions limited" in ten_lines(report)[7]
 
 
+def test_stops_before_the_recording_do_not_count_and_those_after_a_new_start_do(run: Recorded) -> None:
+    for t_ms, total in (0, 4), (40, 5), (20, 4), (60, 0), (80, 2):  # one was overtaken
+        run.slave_state(t_ms, S.ARMED, stops=total)
+    report = run.report()
+    assert (report.stops, report.counters["stops"]) == (3, 3)
+
+
 @pytest.mark.parametrize("lost", ["7", "many", "9" * 5000])
 def test_what_the_recorder_missed_is_counted(run: Recorded, lost: str) -> None:
     run.writer.add_metadata("recorder", {"lost": lost, "malformed": "2"})

@@ -99,7 +99,8 @@ def _loop_figures(run: Run, topic: Topic[LoopTiming]) -> LoopFigures:
 def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
     """Report of one axis, worked out from its traces and messages; what was not recorded is None or empty."""
     commands = _scored_commands(traces.commands)
-    slave = last(run.messages(axis, SLAVE_STATE))
+    counters = axis_counters(run, axis)
+    clutched_s = _increase(run, axis, MASTER_STATE, "clutched_s", traces.session_end_ns)
     overall, settled = _compare(traces.commands)
     energy_j = traces.commands.energy_j[np.isfinite(traces.commands.energy_j)].tolist()
     handshake = last(run.messages(axis, SLAVE_HANDSHAKE))
@@ -120,12 +121,10 @@ def _axis_report(run: Run, axis: str, traces: AxisTraces) -> AxisReport:
         hand_limited=limited,
         delay_s=spread(traces.delay_s),
         force_age_s=spread(traces.force_age_s),
-        armed_share=armed_share(
-            traces.states, traces.session_end_ns, _clutched_s(run, axis, traces.session_end_ns)
-        ),
-        stops=slave.stops if slave else None,
+        armed_share=armed_share(traces.states, traces.session_end_ns, clutched_s),
+        stops=counters.get("stops"),
         **_model_fields(run, axis),
-        counters=axis_counters(run, axis),
+        counters=counters,
         safety_events=events,
         settings=handshake.settings if handshake else "",
         calibrations=_calibrations(run, axis),
@@ -203,11 +202,15 @@ def _scored_commands(commands: CommandTraces) -> ScoredCommands:
     )
 
 
-def _clutched_s(run: Run, axis: str, end_ns: int) -> float:
-    """Time until `end_ns` for which the operator held the clutch open."""
-    states = zip(sent_ns(run, axis, MASTER_STATE).tolist(), run.messages(axis, MASTER_STATE), strict=True)
-    state = last(state for at_ns, state in states if at_ns <= end_ns)
-    return state.clutched_s if state else 0.0
+def _increase(run: Run, axis: str, topic: Topic[Any], name: str, end_ns: float = np.inf) -> float:
+    """Increase, in the messages sent until `end_ns`, of a total that counts from the start of its sender: the
+    recorder may start later. One that went back began again at 0. 0 without messages.
+    """
+    at_ns = sent_ns(run, axis, topic)
+    rows = np.argsort(at_ns, kind="stable")
+    totals = run.column(axis, topic, name)[rows[at_ns[rows] <= end_ns]]
+    steps = np.diff(totals)
+    return float(np.where(steps < 0, totals[1:], steps).sum())
 
 
 def _silent_master(run: Run, axis: str, traces: AxisTraces) -> tuple[str, ...]:
@@ -290,7 +293,9 @@ def last(messages: Iterable[M]) -> M | None:
 
 
 def axis_counters(run: Run, axis: str) -> dict[str, int]:
-    """Both ends' counters as published last, stops, limit events by rule, safety events by name; sorted."""
+    """Both ends' counters as published last; of the run its stops, limit events by rule, safety events by
+    name; sorted.
+    """
     counts: Counter[str] = Counter()
     for event in run.messages(axis, LIMIT_EVENT):
         counts[f"limit_{event.rule}"] += event.count
@@ -300,7 +305,7 @@ def axis_counters(run: Run, axis: str) -> dict[str, int]:
     for role, state in ("slave", slave), ("master", last(run.messages(axis, MASTER_STATE))):
         counts.update({f"{role}_{name}": count for name, count in state.counters.items()} if state else {})
     if slave:
-        counts["stops"] = slave.stops
+        counts["stops"] = int(_increase(run, axis, SLAVE_STATE, "stops"))
     return dict(sorted(counts.items()))
 
 
