@@ -128,20 +128,21 @@ class HandleWatch:
     def read(self, now_ns: int) -> HandleReading:
         """Returns the handle's reading. A DeviceError, or a reading out of range, sets `fault`; from then on
         returns the last position at rest with the deadman released. Re-arms, except after a reversed motor,
-        once the person has pressed the deadman anew; the reading of that tick still has it released.
+        once the person has pressed the deadman anew; the reading of that tick still has it released. A handle
+        that answers has its button for the emergency stop in every reading, whatever else is wrong.
         """
-        had_failed = self.fault is not None
+        had_failed, estop = self.fault is not None, False
         try:
-            if had_failed and not self._re_arm():
-                return self._released_reading()
-            self._reading = _checked(self._handle.read(now_ns))
+            works = not had_failed or self._re_arm()
+            reading = self._handle.read(now_ns)
+            estop = reading.estop
+            if works:
+                self._reading = _checked(reading)
         except DeviceError as error:
             self._fail(error)
-            return self._released_reading()
-        return self._released_reading() if had_failed else self._reading
-
-    def _released_reading(self) -> HandleReading:
-        return HandleReading(self._reading.position_m, 0.0, False, self._reading.gripper)
+        if had_failed or self.fault is not None:
+            return HandleReading(self._reading.position_m, 0.0, False, self._reading.gripper, estop=estop)
+        return self._reading
 
     def render(self, force_n: float, now_ns: int) -> float:
         """Applies a force to the hand, 0 while `fault` is set; returns the force as the handle applied it. A
@@ -165,11 +166,14 @@ class HandleWatch:
 
     def _re_arm(self) -> bool:
         """Re-arms the handle if the person pressed the deadman anew: clears `fault`, adds a notice, calls
-        `re_armed`; True then. False if not pressed, or for a reversed motor. DeviceError: it does not answer.
+        `re_armed`; True then. False if not pressed, for a reversed motor, or if the handle refuses.
         """
         if self.fault == _REVERSED or not self._handle.pressed_anew:
             return False
-        self._handle.rearm()
+        try:
+            self._handle.rearm()
+        except DeviceError:
+            return False
         self.fault = None
         self._notices.add("handle re-armed by the deadman")
         self._re_armed()

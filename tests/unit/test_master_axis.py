@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import pairwise
+from math import nan
 from typing import Any
 
 import pytest
@@ -9,7 +10,7 @@ import pytest
 from forefeel.common import topics
 from forefeel.common.messages import MOST_COUNT, MOST_FORCE_N, PROTOCOL_VERSION, SafetyState
 from forefeel.common.settings import AxisLimits, settings_hash, shared_text
-from forefeel.master.handle import HandleReading
+from forefeel.master.handle import _REVERSED, HandleReading
 from forefeel.master.session import SessionState
 from forefeel.master.stop import StopRequest
 from tests.messages import SHARED, usual
@@ -196,6 +197,20 @@ def test_a_handle_that_fails_is_let_go_in_the_same_tick_until_it_is_rearmed(rig:
     rig.step(10)
     assert not any(command.deadman for command in rig.commands[-60:])
     assert rig.reported().reason == "handle: read refused"
+
+
+@pytest.mark.parametrize("fault", [None, _REVERSED, "handle: it was out of range"])
+def test_button_stops_whatever_else_is_wrong_with_a_handle_that_answers(
+    rig: MasterRig, fault: str | None
+) -> None:
+    """Without a fault before, the reading itself is out of range."""
+    rig.axis._hand.fault = fault
+    rig.handle.pressed_anew, rig.handle.broken = True, {"rearm"}
+    rig.handle.reading = HandleReading(0.0, nan if fault is None else 0.0, True, estop=True)
+    rig.step(1)
+    assert len(rig.messages(topics.EMERGENCY_STOP)) == 1
+    assert not rig.commands[-1].deadman
+    assert rig.reported().indication == "handle_fault"
 
 
 SECOND_NS = 1000 * MS
