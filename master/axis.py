@@ -419,7 +419,9 @@ class MasterAxis:
 
     def send_stop(self, now_ns: int) -> None:
         """Publishes the requested emergency stop if it is due, see `StopRequest`; called every 20 ms."""
-        if not self.stop.due(now_ns, self._slave_state, self._state_received_ns):
+        clock = self._heartbeats.offset if self.session.state is SessionState.OPEN else None
+        outward_ns = None if clock is None else clock.outward_ns
+        if not self.stop.due(now_ns, self._slave_state, self._state_received_ns, outward_ns):
             return
         header = self._estop.header(self.session.session_id, now_ns)
         self._estop.send(EmergencyStop(**header, source="master", reason=self.stop.reason[:256]))

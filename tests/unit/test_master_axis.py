@@ -217,28 +217,46 @@ SECOND_NS = 1000 * MS
 
 
 def requests(request: StopRequest, start_ns: int, end_ns: int) -> int:
-    return sum(request.due(now_ns, None, 0) for now_ns in range(start_ns, end_ns, MS))
+    return sum(request.due(now_ns, None, 0, None) for now_ns in range(start_ns, end_ns, MS))
 
 
 def test_a_stop_is_said_every_20_ms_for_2_s_then_seldom_until_a_newer_state_shows_it() -> None:
     request = StopRequest()
     assert requests(request, 0, 100 * MS) == 0
     assert request.ask("first", SECOND_NS)
-    assert not request.ask("second", SECOND_NS + MS)
+    assert not request.ask("second", SECOND_NS)
     assert request.reason == "first"
     assert requests(request, SECOND_NS, 3 * SECOND_NS) == 100
     assert requests(request, 3 * SECOND_NS + MS, 13 * SECOND_NS) == 40
     heard: list[tuple[int, dict[str, Any], bool]] = [
-        (-1, {"state": "estopped"}, False),
-        (500, {"state": "fault"}, False),
-        (500, {"state": "estopped", "latch_persisted": False}, False),
-        (500, {"state": "estopped"}, True),
+        (1900, {"state": "estopped"}, False),
+        (2500, {"state": "fault"}, False),
+        (2500, {"state": "estopped", "latch_persisted": False}, False),
+        (2500, {"state": "estopped"}, True),
     ]
     for number, (heard_ms, state, ends) in enumerate(heard):
-        heard_ns = SECOND_NS + heard_ms * MS
-        assert request.due((14 + number) * SECOND_NS, usual(topics.SLAVE_STATE, **state), heard_ns) != ends
+        now_ns, heard_ns = (14 + number) * SECOND_NS, SECOND_NS + heard_ms * MS
+        assert request.due(now_ns, usual(topics.SLAVE_STATE, **state), heard_ns, None) != ends
         assert request.wanted != ends
     assert request.ask("again", 20 * SECOND_NS)
+
+
+def test_state_made_before_the_stop_can_have_arrived_does_not_acknowledge_it(rig: MasterRig) -> None:
+    """Its 10 ms each way, of clocks that are compared; a second request needs a state of its own."""
+    rig.compare_clocks()
+    rig.axis.emergency_stop("smoke", rig.now_ns)
+    asked_ns = rig.now_ns
+
+    def wanted(made_ms: int) -> bool:
+        rig.clock.set_ns(asked_ns + (made_ms + 10) * MS)
+        rig.say_state(S.ESTOPPED)
+        rig.axis.send_stop(rig.now_ns)
+        return rig.axis.stop.wanted
+
+    assert [wanted(made_ms) for made_ms in (-8, 1, 10)] == [True] * 3
+    rig.axis.emergency_stop("fire", asked_ns + 20 * MS)
+    assert [wanted(made_ms) for made_ms in (11, 30, 31)] == [True, True, False]
+    assert len(rig.messages(topics.EMERGENCY_STOP)) == 3
 
 
 def test_the_handle_s_button_stops_and_lets_the_deadman_go_as_long_as_it_is_held(rig: MasterRig) -> None:
