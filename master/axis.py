@@ -228,15 +228,25 @@ class MasterAxis:
         outputs = self._loop.tick(now_ns, inputs)
         rendered_n = self._hand.render(0.0 if self._failed else outputs.rendered_n, now_ns)
         self._loop.applied(rendered_n)
-        if reading.estop and (not self._pressed or state is not SafetyState.ESTOPPED):
-            self.emergency_stop("the handle's button", now_ns, "handle")
-        self._pressed = reading.estop
+        self._take_button(reading.estop, now_ns)
         for hit in outputs.hits:
             self.events.limit(hit)
         self._deadman = outputs.deadman and not self._released
         if in_session:
             self._publish(now_ns, inputs, outputs, rendered_n, reacts_by)
         self._bus.end_batches(now_ns)
+
+    def _take_button(self, estop: bool, now_ns: int) -> None:
+        """Requests a stop when the handle's button is pressed, and while it stays in whenever the slave is
+        not stopped and no stop is wanted, as after a clearing. Publishes the stop while it is due.
+        """
+        if estop:
+            state = self._newest_state(now_ns)
+            stopped = state is not None and state.acknowledges_stop
+            if not self._pressed or not (stopped or self.stop.wanted):
+                self.emergency_stop("the handle's button", now_ns, "handle")
+            self.send_stop(now_ns)  # asyncio may be busy
+        self._pressed = estop
 
     @property
     def _released(self) -> bool:
@@ -254,14 +264,16 @@ class MasterAxis:
         status: AxisStatus = "in_session" if self.session.state is SessionState.OPEN else "no_session"
         return status, self.session.cause(now_ns)
 
+    def _newest_state(self, now_ns: int) -> SlaveState | None:
+        """State of the slave in whatever session; None before any and once it is stale."""
+        stale_s = topics.SLAVE_STATE.stale_after_s
+        assert stale_s is not None
+        return None if now_ns - self._state_received_ns > stale_s * 1e9 else self._slave_state
+
     def _shown_state(self, now_ns: int) -> SafetyState | None:
         """Safety state of the slave; None before any, once it is stale, or of another session than ours."""
-        state, stale_s = self._slave_state, topics.SLAVE_STATE.stale_after_s
-        assert stale_s is not None
-        silent = now_ns - self._state_received_ns > stale_s * 1e9
-        if state is None or silent or state.session_id != self.session.session_id:
-            return None
-        return state.state
+        state = self._newest_state(now_ns)
+        return state.state if state is not None and state.session_id == self.session.session_id else None
 
     def _publish(
         self,

@@ -274,6 +274,21 @@ def test_the_handle_s_button_stops_and_lets_the_deadman_go_as_long_as_it_is_held
     assert not any(command.deadman for command in rig.commands[-100:])
 
 
+def test_button_that_stays_in_asks_once_without_a_session_and_again_after_a_clearing() -> None:
+    rig = MasterRig()
+    rig.handle.reading = rig.handle.reading._replace(estop=True)
+
+    def asked(state: S, ticks: int) -> int:
+        for _ in range(ticks):
+            rig.clock.set_ns(rig.now_ns + MS)
+            rig.say_state(state, session_id=0)
+            rig.axis.tick(rig.now_ns)
+        return len(rig.axis.events.notices.drain())
+
+    assert [asked(S.ESTOPPED, 2500), asked(S.IDLE, 10)] == [1, 1]
+    assert len(rig.messages(topics.EMERGENCY_STOP)) == 102  # every 20 ms for 2 s, then no more
+
+
 @pytest.mark.parametrize("state", list(S))
 def test_slave_in_fault_or_stopped_keeps_the_session_out_of_the_prior(rig: MasterRig, state: S) -> None:
     rig.step(5, state=state)
