@@ -10,8 +10,9 @@ from unittest.mock import create_autospec
 import pytest
 
 from forefeel.__main__ import main
-from forefeel.common.codec import Codec, encode
+from forefeel.common.codec import Codec, decode, encode
 from forefeel.common.errors import RunError
+from forefeel.common.messages import EmergencyStop
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.folder import state_path
 from forefeel.common.topics import SLAVE_STATE
@@ -65,6 +66,19 @@ def test_stop_asks_the_daemon_and_says_its_answer(daemon: Daemon, shell: Shell) 
     assert daemon.asked == [(shell.folder / "st", Request("estop", "--kinks"))]
     assert shown.out.splitlines()[0] == "slave: axis insertion: estopped, pressed"
     assert "stopped in" in shown.out and shown.err == "next: forefeel clear --config slave.yaml\n"
+
+
+def test_reason_that_is_no_unicode_keeps_no_stop_back(
+    daemon: Daemon, shell: Shell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of an argument with a byte of another encoding, and too long."""
+    network = create_autospec(ZenohTransport, instance=True, notice="", codec=Codec)
+    monkeypatch.setattr("forefeel.estop.network.ZenohTransport.open", lambda *_, **__: network)
+    daemon.done = None
+    shell(f"{BESIDE} --reason T\udcfcr{'r' * 300}")
+    sent = network.publisher.return_value.call_args.args[0]
+    reason = "T?r" + "r" * 253
+    assert (daemon.asked[0][1].reason, decode(EmergencyStop, sent).reason) == (reason, reason)
 
 
 def test_full_stdout_takes_the_words_and_not_the_stop(

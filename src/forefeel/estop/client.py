@@ -29,6 +29,13 @@ class Answer(NamedTuple):
     role: str
 
 
+def reason_text(reason: str) -> str:
+    """Reason as every message takes it, for a bad one must not keep a stop back: cut to `LONGEST_TEXT`, with
+    `?` for what is no Unicode, as of an argument with a byte of another encoding.
+    """
+    return reason.encode("utf-8", "replace").decode()[:LONGEST_TEXT]
+
+
 def socket_path(folder: Path) -> tuple[int, str]:
     """A descriptor of the folder, to be closed, and a short path of the socket, however deep the folder."""
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)

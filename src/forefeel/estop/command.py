@@ -16,7 +16,7 @@ from forefeel.common.errors import ConfigurationError, RunError, check_config_al
 from forefeel.common.events.console import printable
 from forefeel.common.state.folder import unnamed_path
 from forefeel.common.yaml_file import load_yaml
-from forefeel.estop.client import LONGEST_TEXT, Request, ask
+from forefeel.estop.client import Request, ask, reason_text
 from forefeel.terminal import say, suggest
 
 EXAMPLES = (
@@ -141,7 +141,7 @@ def _stop_here(config: Path, reason: str) -> bool:
     folder = state_folder(config)
     if folder is None:
         return False
-    answer = ask(folder, Request("estop", reason[:LONGEST_TEXT]), _PATIENCE_S)
+    answer = ask(folder, Request("estop", reason_text(reason)), _PATIENCE_S)
     lines = [f"{answer.role}: {line}" for line in answer.text]
     if not answer.done:
         raise RunError("; ".join(lines))

@@ -22,6 +22,7 @@ from forefeel.common.transport.security import Party, PartyRole
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.daemon_settings import load_any
+from forefeel.estop.client import reason_text
 from forefeel.network_settings import ObserverSettings, observer
 from forefeel.terminal import say
 
@@ -124,7 +125,7 @@ def stop_over_network(sender: StopSender, axes: tuple[str, ...], reason: str) ->
             say(opened.notice)
         host = socket.gethostname() or _NO_NAME
         source = "".join(c if c.isascii() and (c.isalnum() or c in "_.-") else "-" for c in host)[:64]
-        stopper, start_s = Stopper(opened, cell, axes, source, reason[:256]), time.monotonic()
+        stopper, start_s = Stopper(opened, cell, axes, source, reason_text(reason)), time.monotonic()
         while True:
             stopper.publish(clock.now_ns())
             if stopper.news.wait(EVERY_S):
