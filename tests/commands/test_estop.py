@@ -126,7 +126,7 @@ def test_stop_of_a_cell_that_is_stopped_reaches_it_all_the_same(
         publish(stopper, now_ns)
         if not stopper.states:
             put.reset_mock()
-            stopper.hear(key, state, 0)
+            stopper.hear(key, state, 1)
 
     monkeypatch.setattr(Stopper, "publish", publish_and_link)
     monkeypatch.setattr("forefeel.estop.network.ZenohTransport.open", lambda *_, **__: network)

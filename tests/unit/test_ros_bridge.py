@@ -189,7 +189,7 @@ class Rig:
 
     def state(self, state: SafetyState) -> None:
         payload = encode(usual(SLAVE_STATE, state=state))
-        self.stopper.hear(SLAVE_STATE.key("cathlab", "insertion"), payload, 0)
+        self.stopper.hear(SLAVE_STATE.key("cathlab", "insertion"), payload, self.clock.now_ns())
 
     def stops(self, first: int = 0, last: int = 1) -> int:
         """Stops that were sent until then, at ticks of 20 ms."""
@@ -207,6 +207,7 @@ def test_a_pause_is_the_emergency_stop_until_it_is_confirmed(capsys: pytest.Capt
     assert rig.stops() == 0
     rig.commands.state_command("insertion", string_stamped("pause"), b"")
     assert rig.stops(0, 5) == 5
+    rig.clock.set_ns(S + MS)
     rig.state(SafetyState.ESTOPPED)
     assert rig.stops(5, 10) == 6
     assert "pause" in rig.stopper.reason and "insertion" in rig.stopper.reason
@@ -214,7 +215,8 @@ def test_a_pause_is_the_emergency_stop_until_it_is_confirmed(capsys: pytest.Capt
 
 
 @pytest.mark.parametrize(
-    ("states", "stops", "says"), [([SafetyState.ARMED], 101, "armed"), ([], 0, "no slave")]
+    ("states", "stops", "says"),
+    [([SafetyState.ARMED], 101, "armed"), ([SafetyState.ESTOPPED], 101, "silent"), ([], 0, "no slave")],
 )
 def test_a_pause_that_nobody_confirms_is_told_after_2_s(
     states: list[SafetyState], stops: int, says: str, capsys: pytest.CaptureFixture[str]

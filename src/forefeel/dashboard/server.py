@@ -144,10 +144,11 @@ class StopButton:
         self.hear = self._stopper.hear
 
     async def press(self, asked: Request) -> JSONResponse:
-        """Sends the stop to every axis, again and again, until each that is heard is in ESTOPPED, 2 s at
-        most. Answers with JSON: `running`, the axes not in ESTOPPED; `heard`, false if none was heard.
+        """Sends the stop to every axis, again and again, until each shows ESTOPPED after the press, 2 s at
+        most. Answers with JSON: `running`, the axes that do not; `heard`, false if none was ever heard.
         """
         stopper = self._stopper
+        stopper.asked_ns = self._clock.now_ns()
         stopper.reason = f"page, from {asked.client.host if asked.client else 'unknown'}"
         for _ in range(round(FOR_S / EVERY_S)):
             stopper.publish(self._clock.now_ns())  # once in any case: what was heard may be of an earlier run

@@ -42,7 +42,8 @@ class Stopper:
     """Publishes the stop for the named axes, or for every axis that is heard, and collects the states.
 
     `listens`: where no axis is named it subscribes to all states; else its owner passes them to `hear`.
-    `news`: set when an axis has another state than before.
+    `states`: of each axis the newest, with its receive stamp. `asked_ns`: when the stop was asked for; a
+    state received until then confirms nothing. `news`: set when an axis has another state than before.
     """
 
     transport: Transport
@@ -51,7 +52,8 @@ class Stopper:
     source: str
     reason: str
     listens: bool = True
-    states: dict[str, str] = field(default_factory=dict)
+    asked_ns: int = 0
+    states: dict[str, tuple[str, int]] = field(default_factory=dict)
     news: threading.Event = field(default_factory=threading.Event)
     _publishers: dict[str, Publisher] = field(default_factory=dict)
 
@@ -67,7 +69,6 @@ class Stopper:
         """Stores the state of an axis as text, with a remark if its latch is not on the disk; sets `news`
         where it differs from the one before. Ignores other topics and what can not be decoded.
         """
-        del receive_ns
         parsed = parse_key(key)
         if parsed is None or parsed[2] is not SLAVE_STATE:
             return
@@ -76,8 +77,9 @@ class Stopper:
         except CodecError:
             return
         state = decoded.state.value + ("" if decoded.latch_persisted else ", NOT KEPT OVER A NEW START")
-        if self.states.get(parsed[1]) != state:
-            self.states[parsed[1]] = state
+        before, _ = self.states.get(parsed[1], ("", 0))
+        self.states[parsed[1]] = state, receive_ns
+        if state != before:
             self.news.set()
 
     def publish(self, now_ns: int) -> None:
@@ -91,8 +93,15 @@ class Stopper:
             publisher.send(EmergencyStop(**header, source=self.source, reason=self.reason))
 
     def outcome(self) -> dict[str, str]:
-        """State by axis, `not heard` for a named one without any; axes that are not named count, too."""
-        return {**dict.fromkeys(self.axes, "not heard"), **self.states}
+        """State by axis, `not heard` for a named one without any; axes that are not named count, too. One
+        received before the stop was asked for has a remark, and so is no confirmation.
+        """
+        newest = tuple(self.states.items())  # at once: another thread adds to it
+        states = {
+            axis: state if receive_ns > self.asked_ns else f"{state} before, silent since"
+            for axis, (state, receive_ns) in newest
+        }
+        return {**dict.fromkeys(self.axes, "not heard"), **states}
 
 
 class StopSender(NamedTuple):

@@ -90,7 +90,7 @@ class Commands:
         if command != "pause":
             self._refuse(axis, STATE_COMMAND, f"{command[:32]!r}, expected pause, the only one")
             return
-        now_ns = self._clock.now_ns()
+        now_ns = self._stopper.asked_ns = self._clock.now_ns()
         self.stop_until_ns = now_ns + int(FOR_S * 1e9)
         self._stopper.reason = f"ROS: {STATE_COMMAND} pause of {axis}"
         say(f"ros: {axis}: pause: the cell stops")

@@ -1,5 +1,7 @@
 """Where the page is served, and which connection gives way."""
 
+import asyncio
+import json
 import socket
 from types import SimpleNamespace
 from typing import cast
@@ -8,9 +10,17 @@ import pytest
 
 pytest.importorskip("uvicorn")
 
+from starlette.requests import Request
+
 from forefeel.child_process import listening_at, next_listening
+from forefeel.common.codec import encode
 from forefeel.common.errors import EndpointError
-from forefeel.dashboard.server import HEAD_S, MOST_CONNECTIONS, Connection, displaced, overdue
+from forefeel.common.topics import EMERGENCY_STOP, SLAVE_STATE
+from forefeel.common.transport.memory import MemoryBus
+from forefeel.dashboard.server import HEAD_S, MOST_CONNECTIONS, Connection, StopButton, displaced, overdue
+from tests.messages import usual
+from tests.network import Traffic
+from tests.stepped import SteppedHost
 
 
 def peer(since_s: float, silent: bool = True) -> Connection:
@@ -48,3 +58,23 @@ def test_a_taken_port_is_said_in_words_or_gives_way_to_the_next() -> None:
             listening_at("127.0.0.1", port)
         with next_listening("127.0.0.1", port) as other:
             assert 0 < other.getsockname()[1] - port < 20
+
+
+@pytest.mark.parametrize(("linked", "stops"), [(True, 1), (False, 100)])
+def test_button_takes_no_state_of_before_the_press_for_a_confirmation(linked: bool, stops: int) -> None:
+    """An axis that was stopped and is silent may have been cleared since."""
+    host, bus = SteppedHost(), MemoryBus()
+    traffic = Traffic(bus.session(host.clock))
+    button = StopButton(bus.session(host.clock), "cell", host.clock)
+    key, payload = SLAVE_STATE.key("cell", "insertion"), encode(usual(SLAVE_STATE, state="estopped"))
+    button.hear(key, payload, host.clock.now_ns())
+
+    async def press() -> bytes:
+        if linked:
+            loop = asyncio.get_running_loop()
+            loop.call_later(0.01, lambda: button.hear(key, payload, host.clock.now_ns()))
+        answer = await button.press(cast(Request, SimpleNamespace(client=None)))
+        return bytes(answer.body)
+
+    assert json.loads(host.run(press())) == {"heard": True, "running": [] if linked else ["insertion"]}
+    assert len(traffic.messages(EMERGENCY_STOP)) == stops
