@@ -3,6 +3,7 @@
 import io
 import os
 import sys
+from itertools import count
 from pathlib import Path
 from typing import Any
 from unittest.mock import create_autospec
@@ -15,7 +16,7 @@ from forefeel.common.errors import RunError
 from forefeel.common.messages import EmergencyStop
 from forefeel.common.settings import DaemonSettings
 from forefeel.common.state.folder import state_path
-from forefeel.common.topics import SLAVE_STATE
+from forefeel.common.topics import EMERGENCY_STOP, SLAVE_STATE
 from forefeel.common.transport.zenoh_bus import ZenohTransport
 from forefeel.daemon_settings import load_any
 from forefeel.estop import command
@@ -28,12 +29,14 @@ from tests.unit.failing import refusing
 
 SLAVE = "role: slave\nstate: {directory: st}\ntransport: {listen: ['tcp/127.0.0.1:1']}\n"
 BESIDE = "estop --config slave.yaml"
+OF_CELL = "estop --cell cathlab --connect tcp/127.0.0.1:1 --insecure"
 
 
 @pytest.fixture(autouse=True)
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (tmp_path / "slave.yaml").write_text(SLAVE)
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("forefeel.estop.network.EVERY_S", 0.0)
     monkeypatch.setattr("forefeel.estop.network.FOR_S", 0.05)
     return tmp_path
 
@@ -113,10 +116,12 @@ def test_stop_that_nobody_confirms_fails_loudly(
     silent.close.assert_called_once()
 
 
-@pytest.mark.parametrize("axis", ["", "--axis insertion"])
+@pytest.mark.parametrize(("axis", "stops"), [("", 11), ("--axis insertion", 1)])
 def test_stop_of_a_cell_that_is_stopped_reaches_it_all_the_same(
-    shell: Shell, monkeypatch: pytest.MonkeyPatch, axis: str
+    shell: Shell, monkeypatch: pytest.MonkeyPatch, axis: str, stops: int
 ) -> None:
+    """Without a named axis it is repeated while others may be heard."""
+    monkeypatch.setattr("forefeel.estop.network.FOR_S", 60.0)
     network = create_autospec(ZenohTransport, instance=True, notice="", codec=Codec)
     key, state = SLAVE_STATE.key("cathlab", "insertion"), encode(usual(SLAVE_STATE, state="estopped"))
     put, publish = network.publisher.return_value, Stopper.publish
@@ -130,8 +135,32 @@ def test_stop_of_a_cell_that_is_stopped_reaches_it_all_the_same(
 
     monkeypatch.setattr(Stopper, "publish", publish_and_link)
     monkeypatch.setattr("forefeel.estop.network.ZenohTransport.open", lambda *_, **__: network)
-    assert shell(f"estop --cell cathlab --connect tcp/127.0.0.1:1 --insecure {axis}").code == 0
-    put.assert_called_once()
+    assert shell(f"{OF_CELL} {axis}").code == 0
+    assert put.call_count == stops
+
+
+def test_axis_that_is_heard_after_a_stopped_one_is_stopped_too(
+    shell: Shell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("forefeel.estop.network.FOR_S", 60.0)
+    network = create_autospec(ZenohTransport, instance=True, notice="", codec=Codec)
+    publish, numbers = Stopper.publish, count()
+    states = {0: ("insertion", "estopped"), 8: ("rotation", "armed"), 9: ("rotation", "estopped")}
+
+    def publish_and_hear(stopper: Stopper, now_ns: int) -> None:
+        publish(stopper, now_ns)
+        axis, state = states.get(next(numbers), ("", ""))
+        if axis:
+            key = SLAVE_STATE.key("cathlab", axis)
+            stopper.hear(key, encode(usual(SLAVE_STATE, state=state)), 1)
+
+    monkeypatch.setattr(Stopper, "publish", publish_and_hear)
+    monkeypatch.setattr("forefeel.estop.network.ZenohTransport.open", lambda *_, **__: network)
+    shown = shell(OF_CELL)
+    assert shown.code == 0
+    assert shown.out.splitlines()[:2] == ["axis insertion: estopped", "axis rotation: estopped"]
+    keys = [call.args[0] for call in network.publisher.call_args_list]
+    assert keys == [EMERGENCY_STOP.key("cathlab", axis) for axis in ("insertion", "rotation")]
 
 
 @pytest.mark.parametrize(

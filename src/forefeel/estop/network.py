@@ -28,6 +28,7 @@ from forefeel.terminal import say
 
 EVERY_S = 0.020  # s between two repetitions, as often as a master repeats its stop (`master/stop.py`)
 FOR_S = 2.0  # s for which it is repeated, as long as a master repeats its stop that often (`master/stop.py`)
+_SETTLED = 10  # repetitions without news, 0.2 s: ten periods in which another axis would send its state
 _ANYWHERE = ("0.0.0.0", "[::]", "")
 _NO_NAME = "unknown-host"
 
@@ -116,7 +117,7 @@ class StopSender(NamedTuple):
 
 def stop_over_network(sender: StopSender, axes: tuple[str, ...], reason: str) -> dict[str, str]:
     """Publishes the stop every 20 ms, and at each change of a state, until all axes confirm it or 2 s have
-    gone.
+    gone. Where no axis is named it waits for 0.2 s without a new axis or state, for others may send later.
 
     Returns the newest state of each axis as text, also when it is not confirmed (`all_stopped`).
 
@@ -135,12 +136,15 @@ def stop_over_network(sender: StopSender, axes: tuple[str, ...], reason: str) ->
         host = socket.gethostname() or _NO_NAME
         source = "".join(c if c.isascii() and (c.isalnum() or c in "_.-") else "-" for c in host)[:64]
         stopper, start_s = Stopper(opened, cell, axes, source, reason_text(reason)), time.monotonic()
+        unchanged = 0  # repetitions
         while True:
             stopper.publish(clock.now_ns())
+            unchanged += 1
             if stopper.news.wait(EVERY_S):
                 stopper.news.clear()
+                unchanged = 0
             outcome = stopper.outcome()
-            if all_stopped(outcome):
+            if all_stopped(outcome) and (axes or unchanged >= _SETTLED):
                 stopper.publish(clock.now_ns())  # an earlier stop may have done it, and no link had this one
                 return outcome
             if time.monotonic() - start_s > FOR_S:
