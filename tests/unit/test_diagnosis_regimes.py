@@ -86,12 +86,22 @@ def test_a_mass_on_a_spring_that_answers_a_step_lacks_nothing(way: float) -> Non
     truth = MASS_KG, DAMPING_N_S_M, STIFFNESS_N_M
     for name, value in zip(("mass_kg", "damping_n_s_m", "stiffness_n_m"), truth, strict=True):
         assert found.baseline.parameters[name] == pytest.approx(value, rel=0.02)
+    loaded_from_the_start = stepped(way).cut(slice(56, None))
+    assert diagnosed(loaded_from_the_start).verdict == "nothing_missing"
 
 
 def test_a_rig_that_does_not_come_back_is_not_explained() -> None:
     found = diagnosed(stepped(1.0, rubbing_n=0.3))
     assert found.verdict == "unexplained"
     assert found.next_motion
+
+
+@pytest.mark.parametrize("switched", [True, False])
+def test_sine_that_hardly_answers_the_steps_is_not_explained_by_free_ringing(switched: bool) -> None:
+    t = np.arange(5000) / 250.0
+    x = 0.01 * np.sin(2.0 * np.pi * 0.8 * t) + 1e-6 * np.random.default_rng(0).normal(size=len(t))
+    f = np.where(x > 6e-3, 0.05, 0.0) if switched else np.where((t > 2.0) & (t < 6.0), 1.0, 0.0)
+    assert diagnosed(Recording("sine", t, x, f, "sine.csv")).verdict == "unexplained"
 
 
 @pytest.mark.parametrize("seed", range(30))

@@ -101,7 +101,7 @@ _MOST_SAMPLES = 20_000
 _FASTEST = 0.25  # of the sampling rate
 _FREQUENCIES, _RATIOS = 24, (0.03, 0.1, 0.3, 0.7, 1.5, 4.0)
 _UNKNOWN = 1.5  # of a logarithm, half of its interval: more is not told by the recording
-_ANSWERS = 0.95  # of the position's variance, for the answer to be that of mass, damper and spring
+_ANSWERS = 0.95  # of the variance of position and force, for the answer to be that of mass, damper and spring
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +119,8 @@ class StepResponse:
 
 def diagnosed_step(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
     """Diagnosis and analysis of a stepped force, by the mass, damper and spring that it moves; names no
-    cause: `nothing_missing` if they explain 95 % of the position's variance, else `unexplained`. None without
-    steps.
+    cause: `nothing_missing` if one of them shows and what is left is at most 5 % of the variance of position
+    and force, else `unexplained`. None without steps.
 
     Raises:
         RecordingError: too few samples in a row.
@@ -139,7 +139,9 @@ def diagnosed_step(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
     analysis = fitted_elsewhere(recording, cleaned, sense, model, model)
     error = ModelError.of(response.left_n, response.force_n, {"": parameters})
     held_out = HeldOut(response.left_n, response.left_n, 0.0, 0.0, 0.0)
-    answers = 1.0 - (response.left_n / response.force_n) ** 2 > _ANSWERS
+    # free ringing beside hardly any answer to the force leaves little of the position, but not of the force
+    least_n = min(response.force_n, float(np.std(force_n)))
+    answers = bool(parameters) and response.left_n**2 < (1.0 - _ANSWERS) * least_n**2
     verdict: VerdictName = "nothing_missing" if answers else "unexplained"
     motion = None if answers else EXCITATION
     flags = (*analysis.flags(), "step_response")
