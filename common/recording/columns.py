@@ -83,8 +83,7 @@ def candidates(names: Sequence[str], units: NamedUnits[str, str], quantity: Quan
         return [Choice(canonical, canonical.partition("_")[2].replace("n", "N"))]
     ranked: dict[int, list[Choice]] = {}
     for name in names:
-        bare, unit = split_unit(name, quantity)
-        unit = unit_of(quantity, units.get(name, "")) or unit
+        bare, unit = split_unit(name, quantity)[0], _stated_unit(name, units, quantity)
         plain = _plain(bare)
         word = _PATTERNS[quantity].search(plain)
         doubtful = _ANOTHER if unit is None or word is None else _UNWANTED
@@ -107,6 +106,12 @@ def candidates(names: Sequence[str], units: NamedUnits[str, str], quantity: Quan
     return whole if whole and quantity != "time" else choices  # a load, beside its parts along axes
 
 
+def _stated_unit(name: str, units: NamedUnits[str, str], quantity: Quantity) -> str | None:
+    """Unit of the quantity that the file, or else the name, states, or None. A torque in nm is in N m."""
+    unit = unit_of(quantity, units.get(name, "")) or split_unit(name, quantity)[1]
+    return None if unit == "nm" and is_rotary(name) else unit
+
+
 def _states_another(name: str, units: NamedUnits[str, str], quantity: Quantity) -> bool:
     """True if the name or the file states any unit; called for a name without a unit of the quantity."""
     stated = units.get(name, "").strip(" -[]()")
@@ -123,7 +128,7 @@ def further(names: Sequence[str], units: NamedUnits[str, str]) -> list[tuple[str
         if is_derivative(name):
             continue
         for quantity in QUANTITIES[1:]:
-            unit = unit_of(quantity, units.get(name, "")) or split_unit(name, quantity)[1]
+            unit = _stated_unit(name, units, quantity)
             if unit is not None:
                 stated.append((name, si_of(quantity, unit), TO_SI[quantity][unit]))
                 break

@@ -44,6 +44,8 @@ def unit_of(quantity: Quantity, text: str) -> str | None:
     word = "".join(letter for letter in word if letter not in "·*-. ")
     units = {unit.lower(): unit for unit in reversed(TO_SI[quantity])}
     exact = word if word in TO_SI[quantity] else None
+    if word != word.lower() and any(word in of_any for of_any in TO_SI.values()):
+        return exact  # Nm are no nm
     return exact or _OTHER_WORDS[quantity].get(word.lower()) or units.get(word.lower())
 
 

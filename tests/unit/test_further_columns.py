@@ -45,6 +45,9 @@ def _file(folder: Path, header: str, *columns: Floats) -> Recording:
         ("roll_deg", "rad", np.pi / 180.0),
         ("Y (mm)", "m", 1e-3),
         ("tip_mN", "N", 1e-3),
+        ("tip (Nm)", "N m", 1.0),
+        ("torque_nm", "N m", 1.0),
+        ("gap (nm)", "m", 1e-9),
         ("T [°C]", "degC", 1.0),
     ],
 )

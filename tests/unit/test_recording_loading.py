@@ -104,6 +104,7 @@ def test_what_is_not_sure_is_asked(tmp_path: Path, content: str, columns: tuple[
         "time_s,position_m,force_cmd (N)", "Index,position_m,force_n", "time_s,vX,force_n",
         "time_s,pose_4,force_n", "time_s,Strain (%),force_n", "time_s,observation.state[0],force_n",
         "time_s,position_counts,force_n", "time_s,Vibration (g),force_n",
+        "time_s,tau_Nm,force_n", "time_s,tau_nm,force_n",
     ],
 )  # fmt: skip
 def test_no_column_is_offered_that_states_another_quantity(tmp_path: Path, header: str) -> None:
