@@ -113,9 +113,10 @@ def _without_names(source: Any, *beside: Any) -> dict[str, Any]:  # noqa: ANN401
 
 
 def _floats(values: Any) -> Array:  # noqa: ANN401 - numbers, or dates of any unit
-    """Numbers as float64, dates in s since 1970."""
+    """Numbers as float64, dates in s since 1970, NaN for what is no date."""
     if values.dtype.kind == "M":
-        values = values.astype("datetime64[ns]").astype(np.int64) * 1e-9
+        seconds = values.astype("datetime64[ns]").astype(np.int64) * 1e-9
+        values = np.where(np.isnat(values), np.nan, seconds)
     numbers: Array = values.astype(np.float64)
     return numbers
 
@@ -290,7 +291,7 @@ def numpy_archive(path: Path) -> ArrayTable:
         archive = np.load(file, allow_pickle=False)
         for name in archive.files:
             with suppress(ValueError):
-                arrays[name] = archive[name]
+                arrays[name] = np.asarray(archive[name])  # of a member that is no array the bytes
     return _table(path, {name: values for name, values in arrays.items() if values.dtype.kind in "iufM"})
 
 
@@ -410,7 +411,9 @@ def _flat(variables: Mapping[str, Any], notes: list[str], head: str = "") -> dic
     arrays: dict[str, Array] = {}
     for name, held in variables.items():
         value = held
-        if np.ndim(held) == 1 and len(held) > 0 and isinstance(held[0], Mapping):
+        # of a list with elements of unlike shapes numpy has no dimensions
+        row = isinstance(held, list) or np.ndim(held) == 1
+        if row and len(held) > 0 and isinstance(held[0], Mapping):
             value = held[0]
             notes.append(f"{head}{name}: the first of {len(held)} structures")
         if isinstance(value, Mapping):

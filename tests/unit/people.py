@@ -2,6 +2,7 @@
 
 import csv
 import io
+import zipfile
 from collections.abc import Callable, Iterator, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -105,7 +106,8 @@ def spreadsheet(path: Path, title: Sequence[str] = ("Rig 7, run 3",)) -> None:
 
 
 def matlab(path: Path) -> None:
-    scipy.io.savemat(path, {"rec": {"t_s": T_S, "x_mm": 1e3 * X_M, "F_N": F_N, "note": "run 3"}})
+    cell = np.array([{"gain": 2.0}, np.arange(3.0)], dtype=object)
+    scipy.io.savemat(path, {"rec": {"t_s": T_S, "x_mm": 1e3 * X_M, "F_N": F_N, "note": "run 3", "rig": cell}})
 
 
 def structures(path: Path) -> None:
@@ -115,6 +117,8 @@ def structures(path: Path) -> None:
 
 def numpy_archive(path: Path) -> None:
     np.savez(path, t_s=T_S, x_mm=1e3 * X_M, F_N=F_N, rig=np.array({"number": 7}, dtype=object))
+    with zipfile.ZipFile(path, "a") as archive:
+        archive.writestr("readme.txt", "run 3")
 
 
 def matlab_73(path: Path) -> None:

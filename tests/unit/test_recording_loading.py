@@ -365,3 +365,9 @@ def test_names_without_an_axis_come_before_those_of_axes() -> None:
     t = np.arange(100) * 0.01
     table = {"time_s": t, "position_mm": np.sin(t), "y_mm": t, "Load (N)": t, "force_y_N": t * t}
     assert load(table).columns == {"time": "s:time_s", "position": "mm:position_mm", "force": "N:Load (N)"}
+
+
+def test_row_without_a_date_is_dropped() -> None:
+    stamps = (1e9 * T_S).astype("datetime64[ns]")
+    stamps[200] = np.datetime64("NaT")
+    assert len(load({"time": stamps, "position_m": X_M, "force_n": F_N})) == len(T_S) - 1
