@@ -71,7 +71,7 @@ class SensorDrift(ForceEffect):
     site = "sensor"
     parameters = (
         Parameter("rate_n_s", "N/s", 0.0, -1e3, 1e3, explains=100.0),
-        Parameter("settling_s", "s", 0.0, 0.0, 1e6, linear=False),
+        Parameter("settling_s", "s", 0.0, 0.0, 1e12, linear=False),
         Parameter("from_s", "s", 0.0, -1e12, 1e12, linear=False),
     )
     sized_anew = True

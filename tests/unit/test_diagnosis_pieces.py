@@ -198,6 +198,22 @@ def test_a_tremor_that_would_alias_to_the_mains_does_not_hide_the_hum() -> None:
     assert [fault.name for fault in clean(recording(t, x, force)).faults] == ["mains_hum"]
 
 
+def test_hum_is_found_behind_a_stray_first_stamp() -> None:
+    t, x, v, a = motion(11)
+    force = linear(x, v, a) + noise(11, len(t)) + 0.02 * np.sin(2.0 * np.pi * 49.93 * t)
+    stamps_s = np.append(0.0, 300.0 + t[1:])
+    (fault,) = clean(recording(stamps_s, x, force)).faults
+    assert fault.parameters["frequency_hz"].value == pytest.approx(49.93, abs=0.005)
+
+
+def test_a_jump_of_the_time_by_months_does_not_end_the_search() -> None:
+    t, x, v, a = motion(12)
+    stamps_s = np.where(t < 12.0, t, t + 1e7)
+    force = linear(x, v, a) + 0.3 * np.sign(v) + noise(12, len(t))
+    causes = diagnose(recording(stamps_s, x, force)).diagnosis.causes
+    assert [cause.name for cause in causes] == ["coulomb_friction"]
+
+
 def test_a_stiffness_changes_about_the_position_where_its_spring_is_relaxed() -> None:
     t, x, v, a = motion(21)
     rest_m = 0.006

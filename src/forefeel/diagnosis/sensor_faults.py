@@ -6,6 +6,7 @@ a mains line is narrower than anything that a hand does.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from forefeel.common.causes.sensor import SensorQuantisation, SensorSaturation, 
 from forefeel.common.error_size import Floats
 from forefeel.common.events.text import shown_unit
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.signals import Mask
+from forefeel.diagnosis.signals import Mask, longest_piece
 from forefeel.diagnosis.verdict import Cause, Interval
 
 MAINS_HZ = 50.0, 60.0
@@ -148,13 +149,14 @@ def _mains(cleaned: Cleaned, recording: Recording) -> None:
     for nominal in MAINS_HZ:
         if recording.rate_hz < 2.2 * nominal:
             continue
-        t = recording.time_s - recording.time_s[0]
-        line = _line(t, cleaned.force_n, nominal)
-        if line is None or _line(t, recording.position_m, nominal) is not None:
+        t, piece = recording.time_s - recording.time_s[0], longest_piece(recording)
+        line = _line(t[piece], cleaned.force_n[piece], nominal)
+        if line is None or _line(t[piece], recording.position_m[piece], nominal) is not None:
             continue
         frequency, level = line
         orders = [k for k in range(1, 6) if k * frequency < 0.45 * recording.rate_hz]
-        orders = [k for k in orders if k == 1 or _line(t, cleaned.force_n, k * frequency, 0.3) is not None]
+        harmonic = partial(_line, t[piece], cleaned.force_n[piece], reach=0.3)
+        orders = [k for k in orders if k == 1 or harmonic(k * frequency) is not None]
         phase = 2.0 * np.pi * frequency * t[:, None] * np.array(orders)
         basis = np.hstack([np.sin(phase), np.cos(phase)])
         columns = np.column_stack([basis, cleaned.force_n])
@@ -174,10 +176,11 @@ def _mains(cleaned: Cleaned, recording: Recording) -> None:
 
 def _line(t: Floats, values: Floats, nominal: float, reach: float = 0.7) -> tuple[float, float] | None:
     """(frequency in Hz, amplitude over what is beside it) of the strongest line within `reach` Hz of
-    `nominal`, or None where none stands out; by heterodyning the first 120 s to zero.
+    `nominal`, or None where none stands out or nothing is beside it, in under half a second; by heterodyning
+    the first 120 s to zero. `t`: without gaps.
     """
-    span = min(float(t[-1]), 120.0)
-    rows = t <= span
+    span = min(float(t[-1] - t[0]), 120.0)
+    rows = t - t[0] <= span
     t, values = t[rows], values[rows]
     window = 0.5 - 0.5 * np.cos(2.0 * np.pi * (t - t[0]) / max(span, 1e-9))
     rough = values - _smoothed(values, float(len(t) / max(span, 1e-9)), nominal)  # or the slow would alias
@@ -187,6 +190,8 @@ def _line(t: Floats, values: Floats, nominal: float, reach: float = 0.7) -> tupl
     power = np.abs(np.fft.fft(slow, 4 * len(slow)))
     offset = np.fft.fftfreq(4 * len(slow), step * float(np.median(np.diff(t))))
     near, beside = np.abs(offset) < reach, (np.abs(offset) > max(1.0, 4.0 / span)) & (np.abs(offset) < 8.0)
+    if not beside.any():
+        return None
     top = np.flatnonzero(near)[int(np.argmax(power[near]))]
     level = float(power[top]) / max(float(np.median(power[beside])), 1e-300)
     if level < _LINE or power[top] < 4.0 * float(np.quantile(power[beside], 0.98)):
