@@ -70,7 +70,9 @@ class RosTable:
         self.units: dict[str, str] = {"time": "s"}
         for topic, columns in read.items():
             for field, column in columns.items():
-                if np.ptp(numbers := np.array(column)) > 0.0:  # what stays as it is tells nothing
+                numbers = np.array(column)
+                known = numbers[np.isfinite(numbers)]
+                if len(known) and np.ptp(known) > 0.0:  # what stays as it is tells nothing
                     name = topic + field
                     self._columns[name] = rows[topic], numbers
                     self.units[name] = next((u for word, u in _UNITS.items() if f".{word}" in field), "")

@@ -371,3 +371,10 @@ def test_row_without_a_date_is_dropped() -> None:
     stamps = (1e9 * T_S).astype("datetime64[ns]")
     stamps[200] = np.datetime64("NaT")
     assert len(load({"time": stamps, "position_m": X_M, "force_n": F_N})) == len(T_S) - 1
+
+
+def test_message_without_a_force_costs_its_row_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = list(zip(T_S, X_M, np.where(np.arange(len(T_S)) == 200, np.nan, F_N), strict=True))
+    monkeypatch.setattr(people, "_ROWS", rows)
+    people.bag(tmp_path / "ros.bag")
+    assert len(load_recording(tmp_path / "ros.bag", force=True)) == len(T_S) - 1
