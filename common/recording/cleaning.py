@@ -104,7 +104,7 @@ class _Rows:
         back = np.flatnonzero(steps < 0.0)
         if not len(back):  # and nothing to copy
             return
-        far = back[-steps[back] > _MISPLACED * np.median(np.abs(steps))] + 1
+        far = back[-steps[back] > _MISPLACED * _usual_step(steps)] + 1
         runs = np.split(np.arange(len(self.time_s)), far)
         order = np.concatenate([run[np.argsort(self.time_s[run], kind="stable")] for run in runs])
         if moved := np.count_nonzero(order != np.arange(len(order))):
@@ -214,12 +214,18 @@ def _hz(time_s: Array) -> str:
     return f"{float(f'{1.0 / usual:.3g}'):,g} Hz"
 
 
+def _usual_step(steps: Array) -> float:
+    """Median size of the steps between different stamps: most rows may share theirs. 0 without any."""
+    sizes = np.abs(steps[np.isfinite(steps) & (steps != 0.0)])
+    return float(np.median(sizes)) if len(sizes) else 0.0
+
+
 def unwrapped(stamps: Array, to_s: float) -> tuple[Array, list[str]]:
     """Stamps of a counter of 16 or 32 bit, or of 32 bit in us, continued over its wraps, and a note on these;
     other stamps, or any step back that is no wrap: unchanged, without a note. `to_s`: their unit in s.
     """
     steps = np.diff(stamps)
-    back, usual = np.flatnonzero(steps < 0.0), float(np.nanmedian(np.abs(steps))) if len(steps) else 0.0
+    back, usual = np.flatnonzero(steps < 0.0), _usual_step(steps)
     for size, what in ((2.0**16, "2^16"), (2.0**32 * 1e-6 / to_s, "2^32 us"), (2.0**32, "2^32")):
         forth = steps[back] + size
         if len(back) and np.all((forth >= 0.0) & (forth <= _MISPLACED * usual)):

@@ -116,6 +116,8 @@ def test_no_column_is_offered_that_states_another_quantity(tmp_path: Path, heade
 ROWS = text(_SI).splitlines(keepends=True)
 HUNDREDTHS = np.floor(100.0 * T_S + 1e-6) / 100.0
 HOLES = {10: "0.0450,,1.0\n", 20: "0.0950,0.01,NaN\n", 30: "0.1450, ,\n"}
+FIFTIETHS = np.floor(50.0 * T_S + 1e-6) / 50.0
+SWAPPED = np.concatenate([np.arange(201), [210], np.arange(202, 210), [201], np.arange(211, 400)])
 MISSING = "".join(HOLES.get(number, row) for number, row in enumerate(ROWS))
 
 
@@ -139,8 +141,10 @@ def test_rows_without_time_need_their_rate(tmp_path: Path) -> None:
         (ROWS[0] + "".join(2 * row for row in ROWS[1:]), 400, "400 of 800 rows dropped as duplicates"),
         ("".join(ROWS + ROWS[1:]), 800, "the time goes back (1 x): taken as 2 runs"),
         ("".join([*ROWS[:10], *ROWS[12:9:-1], *ROWS[13:]]), 400, "2 rows put in their order"),
+        (table(_SI, *(column[SWAPPED] for column in (FIFTIETHS, X_M, F_N))), 400, "put in their order"),
         (text(_SI)[:-15], 399, "the last line, which is cut off"),
         (table("micros,position_m,force_n", (1e6 * T_S + 2.0**32 - 1e6) % 2.0**32, X_M, F_N), 400, "2^32 us"),
+        (table("t_ms,position_m,force_n", (1e3 * FIFTIETHS + 64536.0) % 2.0**16, X_M, F_N), 400, "2^16"),
         (table("t_s,position_m,force_n", (T_S + 4294.0) % 4294.967296, X_M, F_N), 400, "2^32 us"),
         (
             table(_SI, T_S, X_M, np.where(np.arange(400) % 150 == 149, 8388.607, F_N)),
@@ -156,8 +160,10 @@ def test_rows_without_time_need_their_rate(tmp_path: Path) -> None:
         "doubled",
         "two_runs",
         "misplaced",
+        "misplaced_rounded",
         "cut",
         "us",
+        "ms_rounded",
         "s",
         "scale",
         "digits",
