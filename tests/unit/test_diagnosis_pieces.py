@@ -179,6 +179,14 @@ def test_a_comb_is_found_and_decimals_are_none() -> None:
     assert fine == []
 
 
+def test_spikes_are_counted_by_the_time_without_gaps() -> None:
+    t, x, v, a = motion(13)
+    force = linear(x, v, a) + noise(13, len(t))
+    force[250::500] += 1.0
+    (fault,) = clean(recording(np.where(t < 12.0, t, t + 3600.0), x, force)).faults
+    assert fault.parameters["rate_hz"].value == pytest.approx(1.0, rel=0.05)
+
+
 def test_hum_is_found_off_its_nominal_frequency_and_a_tremor_is_not() -> None:
     t, x, v, a = motion(11)
     f = linear(x, v, a) + noise(11, len(t))

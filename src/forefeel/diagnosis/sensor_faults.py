@@ -264,7 +264,7 @@ def _spikes(cleaned: Cleaned, recording: Recording, step_n: float | None, known:
     sizes, without = sizes[high], np.where(where, smooth, force)
     count, amplitude, spread = len(sizes), float(np.mean(sizes)), 1.96 * float(np.std(sizes))
     parameters = {
-        "rate_hz": Interval.about(count / recording.duration_s, 1.96 * count**0.5 / recording.duration_s),
+        "rate_hz": Interval.about(count / recording.sampled_s, 1.96 * count**0.5 / recording.sampled_s),
         "amplitude_n": Interval.about(amplitude, spread / count**0.5),
     }
     words = (
