@@ -1,5 +1,8 @@
 """The first experiments of anyone with a bench: a step of the force, a ramp and hold."""
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
@@ -17,7 +20,7 @@ from forefeel.diagnosis.identifiability import (
 from forefeel.diagnosis.sensor_faults import clean
 from forefeel.diagnosis.standard_tests import diagnosed_hold, find_hold
 from forefeel.diagnosis.verdict import Diagnosis
-from forefeel.results.verdict_text import answer
+from forefeel.results.verdict_text import answer, equation
 
 MASS_KG, DAMPING_N_S_M, STIFFNESS_N_M = 0.4, 3.0, 900.0
 
@@ -144,6 +147,17 @@ def test_sense_of_a_force_that_fades_nearly_away_is_that_of_the_ramp(ramps: int,
     found = diagnosed(ramped(fading=True, way=way, spring_n_m=20.0, ramps=ramps))
     assert [cause.name for cause in found.causes] == ["stress_relaxation"]
     assert ("force_is_the_reaction" in found.flags) == (way < 0.0)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+@pytest.mark.parametrize("recording_of", [stepped, lambda way: ramped(fading=True, way=way)])
+def test_equation_has_the_bias_of_the_model(recording_of: Callable[[float], Recording], way: float) -> None:
+    recording = recording_of(way)
+    found = diagnose(replace(recording, force_n=np.asarray(recording.force_n) + 2.5))
+    effects = extended_model(found.analysis, "made").effects
+    (bias_n,) = (dict(entry.parameters)["force_n"] for entry in effects if entry.effect == "bias")
+    assert bias_n == pytest.approx(2.5 * way, abs=0.05)
+    assert f" {'+' if way > 0.0 else '-'} {abs(bias_n):.3g}" in equation(found.diagnosis)
 
 
 def test_hold_after_a_ramp_that_stiffens_is_relaxation() -> None:

@@ -137,7 +137,8 @@ def diagnosed_step(recording: Recording) -> tuple[Diagnosis, Analysis] | None:
     nowhere = np.zeros(len(recording), dtype=np.bool_)
     cleaned = Cleaned(force_n, nowhere, nowhere)
     analysis = fitted_elsewhere(recording, cleaned, sense, model, model)
-    error = ModelError.of(response.left_n, response.force_n, {"": parameters})
+    bias = Interval.about(sense * bias_n, 0.0)
+    error = ModelError.of(response.left_n, response.force_n, {"": parameters, "bias": {"force_n": bias}})
     held_out = HeldOut(response.left_n, response.left_n, 0.0, 0.0, 0.0)
     # free ringing beside hardly any answer to the force leaves little of the position, but not of the force
     least_n = min(response.force_n, float(np.std(force_n)))

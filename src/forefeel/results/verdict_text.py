@@ -262,7 +262,7 @@ def equation(diagnosis: Diagnosis) -> str:
     m, b, k = (model.parameters.get(name, 0.0) for name in ("mass_kg", "damping_n_s_m", "stiffness_n_m"))
     terms = [f"{value:.3g} {of}" for value, of in ((m, "x''"), (b, "x'"), (k, "x")) if value]
     causes = {cause.name: {key: p.value for key, p in cause.parameters.items()} for cause in diagnosis.causes}
-    if not causes and "bias.force_n" in model.parameters:
+    if "bias" not in causes and "bias.force_n" in model.parameters:
         causes["bias"] = {"force_n": model.parameters["bias.force_n"]}
     if any(cause_class(name).instead_of == "damping_n_s_m" for name in causes):
         terms = [term for term in terms if not term.endswith(" x'")]
