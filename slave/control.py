@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from forefeel.common.clock_offset import OffsetEstimate
-from forefeel.common.events.text import OVER_LIMIT, ROUND_TRIP, SLOW_LIMIT, ZERO, obstacle, quantity
+from forefeel.common.events.text import NO_FORCE, OVER_LIMIT, ROUND_TRIP, SLOW_LIMIT, ZERO, obstacle, quantity
 from forefeel.common.limiter import LEAST_M_S, LimitHit, MotionLimiter, Reaction, claim, open_speed_m_s
 from forefeel.common.messages import Grip, MotionCommand, SafetyState
 from forefeel.common.settings import AxisLimits
@@ -162,17 +162,20 @@ class AxisControl:
 
     def obstacle(self, clock: OffsetEstimate | None) -> LimitHit | None:
         """Limit that keeps the axis from arming wherever hand and stage are: round trip too long (not judged
-        while `clock` is None), force limit that leaves too little speed, load cell not at zero; else None.
+        while `clock` is None), force limit that leaves too little speed, no valid force yet, load cell not at
+        zero; else None.
         """
         if (hit := self._long_round_trip(clock)) is not None:
             return hit
         leaves_m_s = open_speed_m_s(self._limits, self.limiter.reaction)
         if leaves_m_s < LEAST_M_S:
             return LimitHit(SLOW_LIMIT, leaves_m_s, LEAST_M_S, "m/s")
+        if self.zeroed or self._gate.force_timeout_s is None:  # a recording's, wherever that begins
+            return None
         zero_n, tolerance_n = self._force.zero_n, self._force.tolerance_n
-        measured = self._gate.force_timeout_s is not None  # else it is a recording's, wherever that begins
-        off = measured and not self.zeroed and abs(zero_n) > tolerance_n
-        return LimitHit(ZERO, zero_n, tolerance_n, "N") if off else None
+        if zero_n is None:
+            return LimitHit(NO_FORCE, 0.0, 0.0, "N")
+        return LimitHit(ZERO, zero_n, tolerance_n, "N") if abs(zero_n) > tolerance_n else None
 
     def _long_round_trip(self, clock: OffsetEstimate | None) -> LimitHit | None:
         if clock is None or clock.round_trip_ns <= self._max_round_trip_ns:

@@ -119,7 +119,7 @@ class ForceWatch:
         reading_s: what the limit counts on, from the worst of the last second. Grows only while nothing
             follows, so that what becomes late on the way is noticed.
         limit_share: the share of the limit from which on it acts.
-        zero_n: mean of the readings of the last moments in which nothing followed.
+        zero_n: mean of the valid readings of the last moments in which nothing followed; None: of none yet.
     """
 
     def __init__(self, limit_n: float, timeout_s: float | None) -> None:
@@ -129,7 +129,8 @@ class ForceWatch:
         self.force_n = self.age_s = self.late_s = 0.0
         self.reading_s = _LATER_S
         self.limit_share = 1.0
-        self._limit_n, self.zero_n, self._variance_n2, self._worst_s = limit_n, 0.0, 0.0, 0.0
+        self.zero_n: float | None = None
+        self._limit_n, self._variance_n2, self._worst_s = limit_n, 0.0, 0.0
         self._timeout_s = timeout_s
         self._stamp_ns = 0
         self._trusted_ns: int | None = None
@@ -160,8 +161,9 @@ class ForceWatch:
             reading_s = _LATER * self._worst_s + _LATER_S
             self.reading_s = min(reading_s, self.reading_s) if follows else reading_s
             if not follows:
-                share, change_n = min(1.0, tick_s / _ZERO_S or 1.0), force_n - self.force_n
-                self.zero_n += share * (force_n - self.zero_n)
+                before_n, change_n = self.zero_n or 0.0, force_n - self.force_n
+                share = 1.0 if self.zero_n is None else min(1.0, tick_s / _ZERO_S)
+                self.zero_n = before_n + share * (force_n - before_n)
                 self._variance_n2 += share * (0.5 * (1.0 - share) * change_n * change_n - self._variance_n2)
         if (valid and not self.is_late) or self._timeout_s is None:
             self.force_n, self.limit_share, self._stamp_ns = force_n, 1.0, now_ns - round(age_s * 1e9)

@@ -12,9 +12,10 @@ HALTED = frozenset({SafetyState.FAULT, SafetyState.ESTOPPED})
 UNASKED = frozenset({"watchdog", "session_lost", "misaligned", "round_trip"})
 """Events that end a motion without the person's wish."""
 
-REFUSALS = frozenset(
-    ("session", "sequence", "late", "future", "range", "alignment", "round_trip", "slow_limit", "zero")
-)
+REFUSALS = frozenset((
+    "session", "sequence", "late", "future", "range", "alignment", "round_trip", "slow_limit", "no_force",
+    "zero",
+))  # fmt: skip
 """Rules by which a command is refused; the others change a motion, and stand in the recording."""
 
 Detail = str | int | float | bool | None | list[str] | dict[str, str]

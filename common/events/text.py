@@ -23,9 +23,9 @@ from forefeel.common.recording.units import is_angle
 from forefeel.common.topics import Topic
 
 UNKNOWN = "–"
-ROUND_TRIP, SLOW_LIMIT, ZERO = "round_trip", "slow_limit", "zero"
+ROUND_TRIP, SLOW_LIMIT, NO_FORCE, ZERO = "round_trip", "slow_limit", "no_force", "zero"
 """Rules by which an axis does not arm: the link is too slow, the force limit leaves no speed, the load cell
-reads a force though nothing is touched."""
+has given no valid force yet, or reads one though nothing is touched."""
 OVER_LIMIT = "over_limit"
 SLIPS, BUCKLES, LOOSENS = "wire_slips", "wire_near_buckling", "wire_near_slip"
 """Warnings on the instrument: it slips through the jaws, is near the load at which it bows out, at which it
@@ -124,6 +124,8 @@ def obstacle(rule: str, value: float, limit: float) -> str:
             f"the force limit leaves {value * 1e3:.2g} mm/s, at least {limit * 1e3:g} mm/s are needed: cell "
             "and stage answer too late for limits.stiffest_wall_n_m"
         )
+    if rule == NO_FORCE:
+        return "load cell has given no valid force: check its cable and its load"
     if rule == ZERO:
         reads, most = quantity(value, "N"), quantity(limit, "N")
         return f"load cell reads {reads} out of contact, at most {most}: tare it, or free the instrument"

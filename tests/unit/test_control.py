@@ -324,6 +324,22 @@ def test_a_load_cell_that_stays_invalid_is_a_fault_if_it_is_asked_for_while_the_
     assert rig.state() is after
 
 
+def test_a_load_cell_does_not_arm_before_a_valid_force_which_counts_as_zero_at_once() -> None:
+    rig = Rig(force_valid=False)
+    rig.released(300)
+    rig.held(300)
+    assert (rig.state(), set(rig.rules), rig.control.zeroed) == (S.READY, {"no_force"}, False)
+    rig.force_n, rig.force_valid = 1.5, True
+    rig.held(300)
+    assert (rig.state(), rig.rules[300]) == (S.READY, "zero")
+    rig.force_n = 0.0
+    rig.released(1000)
+    rig.held()
+    assert (rig.state(), rig.control.zeroed) == (S.ENGAGING, True)
+    rig = Rig(gate=GateSettings(force_timeout_s=None), force_valid=False)  # a recording may begin with a gap
+    rig.engaged()
+
+
 @pytest.mark.parametrize(("force_n", "arms"), [(0.14, True), (-0.14, True), (0.16, False), (-0.16, False)])
 def test_first_arming_of_a_session_wants_a_zero_and_those_that_go_on_with_it_do_not(
     force_n: float, arms: bool
