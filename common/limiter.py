@@ -25,6 +25,8 @@ OVER_SHARE = 0.05
 """Share of the force limit: a zero may be off by it, and a force counts as above the limit beyond it."""
 _YIELD_M = 0.005
 """More than a wall moves with heart and breath, less than pulls a wire out of a branch; decisions/0030."""
+LATEST_S = 1.0
+"""Beyond it a force counts as none: half of it leaves 3 N at 3 N/mm only LEAST_M_S."""
 
 MOTION_RULES = ("workspace", "velocity", "acceleration", "contact_speed", "force", "travel")
 """Rules that change a motion. Every other rule refuses a command, or an engagement."""
@@ -192,6 +194,8 @@ class MotionLimiter:
         since_s = self._time_s - reaction.stage_s - age_s + _EXACT
         while len(self._shown) > 1 and self._shown[1][0] <= since_s:
             self._shown.popleft()
+        while len(self._shown) > 1 and self._shown[1][0] < self._time_s - LATEST_S:
+            del self._shown[1]  # not the first: while no force comes the way since the last stays unseen
 
     def _move(self, velocity_m_s: float, dt_s: float) -> None:
         """Moves the setpoint for dt at `velocity_m_s`, up to the ends of the workspace, where its velocity is

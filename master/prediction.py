@@ -17,7 +17,7 @@ from forefeel.common.causes.motion import NO_COLUMNS, Columns
 from forefeel.common.estimation.evaluator import Estimate, Evaluator, Snapshot
 from forefeel.common.estimation.learner import Learner
 from forefeel.common.estimation.stage_lag import StageLag
-from forefeel.common.limiter import MotionLimiter, Reaction
+from forefeel.common.limiter import LATEST_S, MotionLimiter, Reaction
 from forefeel.common.messages import ForceSample, Grip
 from forefeel.common.settings import AxisLimits
 from forefeel.common.slots import BoundedQueue, CommandRing
@@ -112,8 +112,8 @@ class ExpectedSetpoint:
         return setpoint_m
 
     def react(self, reaction: Reaction) -> None:
-        """Sets the lateness with which the slave's force limit sees a force."""
-        self._limiter.reaction = reaction
+        """Sets the lateness with which the slave's force limit sees a force; 1 s at most in each part."""
+        self._limiter.reaction = Reaction(*(min(part_s, LATEST_S) for part_s in reaction))
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)

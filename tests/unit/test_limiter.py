@@ -123,6 +123,21 @@ def test_towards_contact_the_way_that_is_left_of_the_limit_bounds_the_speed(sign
     assert speed_m_s(sign, 1.6, beyond_n) == 0.0
 
 
+def test_way_without_a_new_force_stays_unseen_in_bounded_memory() -> None:
+    """The force is 0 N and frozen for 5 s: no more than the 3 mm are gone that 3 N leave of 1 N/mm."""
+    limits = LIMITS.model_copy(update={"stiffest_wall_n_m": 1000.0})
+    motion = MotionLimiter(limits, STOP_M_S2)
+    for tick in range(5000):
+        motion.age_s = tick * DT_S
+        motion.follow(0.05, 0.0, 0.0, DT_S)
+    assert 0.002 < motion.position_m <= 0.003
+    assert len(motion._shown) < 1010
+    motion.age_s = DT_S
+    for _ in range(200):
+        motion.follow(0.05, 0.0, 0.0, DT_S)
+    assert motion.position_m > 0.01
+
+
 @pytest.mark.parametrize("velocity_m_s", [0.2, -0.2, 0.05, -0.013])
 def test_the_ramp_to_rest_takes_v_over_a_and_v_squared_over_two_a(velocity_m_s: float) -> None:
     motion = moving(velocity_m_s)

@@ -8,7 +8,7 @@ import pytest
 from forefeel.common.causes.model import SCHEMA, ContactModel
 from forefeel.common.estimation.evaluator import Estimate
 from forefeel.common.estimation.learner import Learner
-from forefeel.common.limiter import MotionLimiter
+from forefeel.common.limiter import MotionLimiter, Reaction
 from forefeel.common.messages import ForceSample
 from forefeel.common.settings import AxisLimits
 from forefeel.master.prediction import ExpectedSetpoint, ForcePrediction, IdentificationTask
@@ -86,6 +86,14 @@ def test_the_setpoint_is_what_the_shared_limits_leave_of_the_command() -> None:
     assert np.abs(np.diff(speeds_m_s)).max() <= 5.0e-3 * (1 + 1e-6)
     assert positions_m[-1] == pytest.approx(0.05, abs=1e-9)
     assert setpoint.follow(701 * MS, 0.01, 0.0, deadman=False) == 0.01
+
+
+def test_a_reaction_that_no_slave_can_have_takes_bounded_memory() -> None:
+    setpoint = ExpectedSetpoint(LIMITS)
+    setpoint.react(Reaction(1e6, 1e6, 1e6, 1e6))
+    for n in range(3000):
+        setpoint.follow(n * MS, 0.01, 0.0, deadman=True)
+    assert max(len(setpoint._expected_n), len(setpoint._limiter._shown)) < 1010
 
 
 def test_what_the_slaves_force_limit_left_corrects_the_setpoint_expected() -> None:
