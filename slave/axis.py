@@ -198,8 +198,8 @@ class SlaveAxis:
         readings = self._watch.read(now_ns, self._executing.recording_time_s if self._executing else None)
         stage, force_n = self._watch.stage, self._watch.force.force_n
         follows = self._executing is not None
-        wrong = self._pushes.fault(now_ns, stage, force_n, follows)
-        if wrong := wrong or self._polarity.fault(now_ns, stage, force_n, follows, self._grip):
+        sensed = stage, force_n, self._watch.force.valid, follows
+        if wrong := self._pushes.fault(now_ns, *sensed) or self._polarity.fault(now_ns, *sensed, self._grip):
             self._device_failed("load_cell", wrong)
         setpoint = self._control.limiter.position_m, self._control.limiter.force_limited
         outputs = self._control.tick(now_ns, self._inputs(now_ns, cleared))

@@ -201,18 +201,20 @@ class PushWatch:
         self._tare_n = self._turned_m = 0.0
         self._pushed_ns = 0
 
-    def fault(self, now_ns: int, stage: StageReading, force_n: float, following: bool) -> str | None:
-        """Fault text when the cell has pulled (force below its tare by a share of the limit) for 10 ms while
-        the stage moves in; else None. While not `following` it takes the tare: the present pull, at most that
-        share.
+    def fault(
+        self, now_ns: int, stage: StageReading, force_n: float, valid: bool, following: bool
+    ) -> str | None:
+        """Fault text when the cell has pulled (force below its tare by a share of the limit) for 10 ms of
+        valid readings while the stage moves in; else None. While not `following` it takes the tare: the
+        present pull, at most that share.
         """
         x_m, v_m_s = stage
-        if not following:
+        if valid and not following:
             self._tare_n = max(-self._pull_n, min(0.0, force_n))
         if not following or v_m_s <= 0.0:
             self._turned_m = x_m
         inward = x_m - self._turned_m > _INWARD_M and v_m_s > _INWARD_M_S
-        if not inward or force_n - self._tare_n > -self._pull_n:
+        if not valid or not inward or force_n - self._tare_n > -self._pull_n:
             self._pushed_ns = now_ns
         if now_ns - self._pushed_ns < _PULL_NS:
             return None
@@ -293,35 +295,37 @@ class PolarityWatch:
         self._known = self._loaded = False
 
     def fault(
-        self, now_ns: int, stage: StageReading, force_n: float, following: bool, grip: Grip
+        self, now_ns: int, stage: StageReading, force_n: float, valid: bool, following: bool, grip: Grip
     ) -> str | None:
         """Fault text when the first contact, of 5 ms, of a way in that began free pulls (`force_n` negative),
         or when the force drove three strokes; else None. A first contact that pushes, or a stroke that the
-        force resisted, ends the watch for good.
+        force resisted, ends the watch for good. A force that is not `valid` tells nothing.
         """
         if self._known:
             return None
-        if self._pulls_first(now_ns, stage.position_m, force_n, following):
+        if self._pulls_first(now_ns, stage.position_m, force_n, valid, following):
             return f"load cell pulls in the first contact: its sign is wrong; change {self._setting}"
         if grip is Grip.OPEN:
             self._work.begin()
-        sense = self._work.add(stage, force_n) if following else 0
+        sense = self._work.add(stage, force_n) if valid and following else 0
         self._known = self._known or sense > 0
         if sense >= 0:
             return None
         way = "pulls on the way in and pushes on the way out"
         return f"load cell {way}: its sign is wrong; change {self._setting}"
 
-    def _pulls_first(self, now_ns: int, position_m: float, force_n: float, following: bool) -> bool:
+    def _pulls_first(
+        self, now_ns: int, position_m: float, force_n: float, valid: bool, following: bool
+    ) -> bool:
         """True if the first contact, of 5 ms, of a way in that began free pulls; if it pushes sets `_known`.
         While not `following` the way begins anew.
         """
-        free = abs(force_n) <= self._free_n
+        free = valid and abs(force_n) <= self._free_n
         if not following:
             self._start_m, self._deepest_m, self._loaded = position_m, -inf, not free
         self._deepest_m = max(self._deepest_m, position_m)
         came_in = self._deepest_m - self._start_m > _PRESLIDING_M and self._deepest_m - position_m < _BACK_M
-        if free or not came_in or self._loaded:
+        if free or not valid or not came_in or self._loaded:
             self._free_ns = now_ns
         if now_ns - self._free_ns < _CONTACT_NS:
             return False

@@ -139,9 +139,11 @@ def test_inward_pull_is_a_fault(
 ) -> None:
     """Of an axis with a force limit of 1 N."""
     watch = PushWatch(1.0)
-    watch.fault(0, StageReading(0.0, 0.0), tare_n, following=False)
+    watch.fault(0, StageReading(0.0, 0.0), tare_n, valid=True, following=False)
     moved = ((ms, StageReading(speed_m_s * ms * 1e-3, speed_m_s)) for ms in range(1, 1000))
-    found = (ms for ms, reading in moved if watch.fault(ms * MS, reading, force_n, following=True))
+    found = (
+        ms for ms, reading in moved if watch.fault(ms * MS, reading, force_n, valid=True, following=True)
+    )
     assert next(found, None) == fault_ms
 
 
@@ -161,20 +163,39 @@ def test_inward_pull_is_a_fault(
 def test_polarity_is_told_by_first_force(force_n: float, way_m: tuple[float, ...], fault: bool) -> None:
     """Of an axis with a force limit of 1 N."""
     watch = PolarityWatch(1.0)
-    watch.fault(0, StageReading(0.0, 0.0), 0.0, following=False, grip=CLOSED)
+    watch.fault(0, StageReading(0.0, 0.0), 0.0, valid=True, following=False, grip=CLOSED)
     for ms, position_m in enumerate(way_m, 1):
-        watch.fault(ms * MS, StageReading(position_m, 0.0), 0.0, following=True, grip=CLOSED)
+        watch.fault(ms * MS, StageReading(position_m, 0.0), 0.0, valid=True, following=True, grip=CLOSED)
     at = StageReading(way_m[-1], 0.0)
-    found = [watch.fault((10 + ms) * MS, at, force_n, following=True, grip=CLOSED) for ms in range(10)]
+    found = [
+        watch.fault((10 + ms) * MS, at, force_n, valid=True, following=True, grip=CLOSED) for ms in range(10)
+    ]
     assert any(found) == fault
 
 
 def test_a_wire_that_is_inserted_already_tells_nothing_of_polarity() -> None:
     """Its friction turns on the way, whatever that is."""
     watch = PolarityWatch(1.0)
-    watch.fault(0, StageReading(0.0, 0.0), -0.2, following=False, grip=CLOSED)
+    watch.fault(0, StageReading(0.0, 0.0), -0.2, valid=True, following=False, grip=CLOSED)
     ways = ((ms, StageReading(0.001 * ms, 1.0)) for ms in range(1, 20))
-    assert not any(watch.fault(ms * MS, way, -0.2, following=True, grip=CLOSED) for ms, way in ways)
+    assert not any(
+        watch.fault(ms * MS, way, -0.2, valid=True, following=True, grip=CLOSED) for ms, way in ways
+    )
+
+
+def test_force_that_is_not_valid_tells_nothing_of_its_sign() -> None:
+    """On a way in by 20 mm/s, with a limit of 1 N."""
+    pushes, polarity, began_blind = PushWatch(1.0), PolarityWatch(1.0), PolarityWatch(1.0)
+    told = list[tuple[str | None, ...]]()
+    pushes.fault(0, StageReading(0.0, 0.0), -4.9, valid=False, following=False)
+    polarity.fault(0, StageReading(0.0, 0.0), 0.0, valid=True, following=False, grip=CLOSED)
+    began_blind.fault(0, StageReading(0.0, 0.0), 0.0, valid=False, following=False, grip=CLOSED)
+    pull = (-0.06, True)
+    readings = [(0.0, True)] * 100 + [(-4.9, False)] * 100 + [pull] * 4 + [(4.9, False)] * 46 + [pull] * 12
+    for ms, reading in enumerate(readings, 1):
+        now = ms * MS, StageReading(2e-5 * ms, 0.02), *reading, True
+        told.append((pushes.fault(*now), polarity.fault(*now, CLOSED), began_blind.fault(*now, CLOSED)))
+    assert [sum(map(bool, each)) for each in zip(*told, strict=True)] == [3, 8, 0]  # of the last 12 ms
 
 
 def friction(x_m: float, v_m_s: float, _stroke: int) -> float:
@@ -199,16 +220,16 @@ Force = Callable[[float, float, int], float]
 STROKE_S, DEPTH_M = 2.0, 0.02
 
 
-def first_fault_s(force: Force, sign: int, regrips: bool = False) -> float | None:
+def first_fault_s(force: Force, sign: int, regrips: bool = False, valid: bool = True) -> float | None:
     """Time of the fault in 20 s of strokes, with a limit of 1 N, that begin loaded."""
     watch = PolarityWatch(1.0, "simulation.world.force_sign")
-    watch.fault(0, StageReading(0.0, 0.0), -sign * 0.2, following=False, grip=CLOSED)
+    watch.fault(0, StageReading(0.0, 0.0), -sign * 0.2, valid=True, following=False, grip=CLOSED)
     for ms in range(1, 20_000):
         phase = 2.0 * pi * ms * 1e-3 / STROKE_S
         x_m, v_m_s = 0.5 * DEPTH_M * (1.0 - cos(phase)), pi * DEPTH_M / STROKE_S * sin(phase)
         grip = Grip.OPEN if regrips and v_m_s > 0.0 else CLOSED
         force_n = sign * force(x_m, v_m_s, int(ms * 1e-3 / STROKE_S)) if grip is CLOSED else 0.0
-        if fault := watch.fault(ms * MS, StageReading(x_m, v_m_s), force_n, following=True, grip=grip):
+        if fault := watch.fault(ms * MS, StageReading(x_m, v_m_s), force_n, valid, following=True, grip=grip):
             assert fault.endswith("its sign is wrong; change simulation.world.force_sign")
             return ms * 1e-3
     return None
@@ -224,6 +245,7 @@ def test_force_that_drives_the_first_three_strokes_has_the_wrong_sign(force: For
 def test_force_that_only_seems_to_drive_strokes_tells_nothing(sign: int) -> None:
     assert first_fault_s(wall_late_by_10_ms, sign) is None
     assert first_fault_s(friction, sign, regrips=True) is None
+    assert first_fault_s(friction, sign, valid=False) is None
     assert first_fault_s(heart, 1) is None  # drives some of them
 
 
