@@ -90,8 +90,9 @@ class ExpectedSetpoint:
         expected: Estimate | None = None,
     ) -> float:
         """Advances the expected setpoint to a command and returns it in m: what the slave's motion and force
-        limits leave; stored under the stamp. Without the deadman, or if the stamp does not increase, it jumps
-        to the command within the workspace. `expected`: force that the limit is applied to; None: 0 N.
+        limits leave; stored under the stamp. Without the deadman, after `restart`, or if the stamp does not
+        increase, it jumps to the command within the workspace. `expected`: force that the limit is applied
+        to; None: 0 N.
         """
         position_m = min(max(position_m, self._workspace_m[0]), self._workspace_m[1])
         previous_ns, self._previous_ns = self._previous_ns, stamp_ns
@@ -110,6 +111,10 @@ class ExpectedSetpoint:
         sent = _Expected(stamp_ns, position_m, setpoint_m, self._corrected_m, force_limited)
         self._sent.put(stamp_ns, sent)
         return setpoint_m
+
+    def restart(self) -> None:
+        """Makes the next command place the setpoint anew; commands sent before can still be answered."""
+        self._previous_ns = None
 
     def react(self, reaction: Reaction) -> None:
         """Sets the lateness with which the slave's force limit sees a force; 1 s at most in each part."""
@@ -193,6 +198,7 @@ class ForcePrediction:
     def reset(self) -> None:
         """Forgets the motion so far, as after a new grip; what was learned stays."""
         self._expected = None
+        self.setpoint.restart()
         self.evaluator.restart()
 
 

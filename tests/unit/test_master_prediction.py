@@ -88,6 +88,15 @@ def test_the_setpoint_is_what_the_shared_limits_leave_of_the_command() -> None:
     assert setpoint.follow(701 * MS, 0.01, 0.0, deadman=False) == 0.01
 
 
+def test_a_new_grip_expects_the_setpoint_at_the_hand_and_not_where_the_last_one_was() -> None:
+    prediction = ForcePrediction(LIMITS)
+    snapshot = IdentificationTask(prediction, Learner(prediction.evaluator)).snapshot
+    prediction.predict(0, 0.05, 0.0, True, snapshot, None)
+    prediction.reset()
+    prediction.predict(200 * MS, 0.005, 0.0, True, snapshot, None)
+    assert prediction.stage_m == 0.005
+
+
 def test_a_reaction_that_no_slave_can_have_takes_bounded_memory() -> None:
     setpoint = ExpectedSetpoint(LIMITS)
     setpoint.react(Reaction(1e6, 1e6, 1e6, 1e6))
