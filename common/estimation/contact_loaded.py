@@ -99,9 +99,15 @@ def _of_wave(wave: str, values: Mapping[str, float]) -> dict[str, float]:
 
 
 def _sines(name: str, entry: EffectEntry, values: Mapping[str, float]) -> Iterator[EffectEntry]:
-    """Yields a sine and a cosine, as effects `name`, of each harmonic of a wave that is not negligible."""
+    """Yields a sine and a cosine, as effects `name`, of each harmonic of a wave; leaves out those that
+    are negligible, or beyond the frequencies of that effect.
+    """
+    upper_hz = next(p.upper for p in effect_class(name).parameters if p.name == "frequency_hz")
     ratios = 1.0, values["second_harmonic_ratio"], values["third_harmonic_ratio"]
     for order, ratio in enumerate(ratios, 1):
-        for phase_rad in (0.0, 0.5 * pi) if abs(ratio) > _LEAST_RATIO else ():
-            wave = ("frequency_hz", order * values["frequency_hz"]), ("phase_rad", phase_rad)
+        frequency_hz = order * values["frequency_hz"]
+        if abs(ratio) <= _LEAST_RATIO or frequency_hz > upper_hz:
+            continue
+        for phase_rad in (0.0, 0.5 * pi):
+            wave = ("frequency_hz", frequency_hz), ("phase_rad", phase_rad)
             yield EffectEntry(name, wave, entry.site)

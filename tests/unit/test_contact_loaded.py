@@ -54,6 +54,14 @@ def test_further_cause_joins_by_its_name_in_the_list() -> None:
     assert set(found.means) <= set(contact.model.runtime().linear_names) | set(contact.names)
 
 
+def test_harmonics_beyond_the_frequencies_of_their_cause_are_left_out() -> None:
+    hum = effect("mains_hum", frequency_hz=50.0, amplitude_n=0.05, second_harmonic_ratio=0.3)
+    fast = {"second_harmonic_ratio": 0.3, "third_harmonic_ratio": 0.3}
+    loaded = model(hum, effect("pulsation", frequency_hz=18.0, amplitude_n=0.05, **fast))
+    frequencies = [dict(entry.parameters)["frequency_hz"] for entry in loaded_causes(loaded).further]
+    assert frequencies == [50.0, 50.0, 18.0, 18.0, 36.0, 36.0]
+
+
 def test_prior_goes_before_loaded_model() -> None:
     name = "mass_damper_spring.stiffness_n_m"
     prior = ContactPrior((name,), (9.0,), ((0.01,),), 10.0)
