@@ -35,7 +35,7 @@ class Predictor:
 
     def move(self, t_s: float, position_m: float, further: Columns = NO_COLUMNS) -> None:
         """Adds an own position and predicts there, to judge the experts; ignored if its stamp is no later
-        or it is not finite.
+        or one of them is not finite.
 
         First hands the evaluator what `observe` has taught since.
 
@@ -49,7 +49,7 @@ class Predictor:
             raise ValueError(f"further: no {missing[0]!r}; expected the columns that the model follows")
         before_s, before_m = self._last
         self._publish()
-        if t_s > before_s and isfinite(position_m):
+        if t_s > before_s and isfinite(t_s) and isfinite(position_m):
             self._last = t_s, position_m
             velocity_m_s = (position_m - before_m) / (t_s - before_s)
             self._evaluator.move(t_s, position_m, position_m, velocity_m_s, further)

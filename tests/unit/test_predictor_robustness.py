@@ -80,6 +80,7 @@ def test_other_samples_of_a_stamp_and_those_of_no_stamp_change_nothing_learned()
         pestered.move(SAMPLE.t[n], 1.0)
         pestered.move(SAMPLE.t[max(n - 1, 0)], 2.0)
         pestered.move(float("nan"), 3.0)
+        pestered.move(float("inf"), 3.0)
         if n >= 60:
             pestered.observe(SAMPLE.t[n - 60], -7.0)
     pestered.observe(SAMPLE.t[900] + 1e-3, SAMPLE.f[900])
