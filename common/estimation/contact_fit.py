@@ -371,6 +371,8 @@ class _Solver:
         size = np.sqrt(np.diagonal(information))
         step = np.linalg.solve(information / np.outer(size, size), pull[at] / size) / size
         step = np.clip(step[-len(self._sd) :], -self._sd, self._sd)
+        if not np.isfinite(step).all():
+            return point  # some causes at their bounds overflow
         for _ in range(_HALVINGS):
             shape = np.clip(point.shape + step, self._mean - 3.0 * self._sd, self._mean + 3.0 * self._sd)
             other = self._point(shape, occasional)

@@ -164,7 +164,8 @@ class Causes:
             for hz in (heart_hz, 2.0 * heart_hz, breath_hz)
             for turns in (remainder(lead - hz * origin_s, 1.0) for lead in (0.0, 0.25))
         ]
-        friction_n = self._loaded.means.get("presliding_hysteresis.force_n", 1.0)
+        # A scale: within it the cause accepts the stiffness of every length of an accepted shape.
+        friction_n = min(max(self._loaded.means.get("presliding_hysteresis.force_n", 1.0), 1e-3), 1e3)
         hysteresis = {"force_n": friction_n, "stiffness_n_m": friction_n / length_m}
         gate = (self._entry(ContactLoss, contact_position_m=contact_m),) if self._gated else ()
         entries = (

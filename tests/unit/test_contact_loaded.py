@@ -89,6 +89,25 @@ def test_loaded_cause_predicts_what_the_list_lacks(cause: dict[str, object]) -> 
     assert np.sqrt(np.mean(error[moved.t > 4.0] ** 2)) < 0.006
 
 
+@pytest.mark.parametrize(
+    "cause",
+    [
+        effect("capstan", wrap_rad=10.0, wrap_rad_m=1e5),
+        effect("presliding_hysteresis", force_n=1e-6, stiffness_n_m=1e-6),
+        effect("presliding_hysteresis", force_n=1e4, stiffness_n_m=1e12),
+    ],
+    ids=["capstan, most", "presliding, least", "presliding, most"],
+)
+def test_cause_at_its_bounds_ends_no_fit(cause: dict[str, object]) -> None:
+    predictor = Predictor(model(cause))
+    t = 0.004 * np.arange(325)
+    for t_s, x_m in zip(t.tolist(), (0.01 * np.sin(4.4 * t)).tolist(), strict=True):
+        predictor.move(t_s, x_m)
+        predictor.observe(t_s, 200.0 * max(x_m, 0.0))
+    estimate = predictor.predict()
+    assert estimate is not None and np.isfinite(estimate.force_n)
+
+
 def test_wrong_model_is_dropped_and_what_the_experts_have_learned_stays() -> None:
     """A spring of 500 times the stiffness, with friction, in place of a spring."""
     spring = {"mass_kg": 0.0, "damping_n_s_m": 0.0, "stiffness_n_m": 5e4}
