@@ -208,3 +208,11 @@ def test_weight_of_a_joint_is_named_where_the_position_is_an_angle() -> None:
     assert np.arctan2(-cosine_n, sine_n) == pytest.approx(0.4, abs=0.02)
     said = extended_model(found.analysis, "joint").runtime().forces_n(Motion.of(t, x, v, a))
     assert np.std((said - force)[100:-100]) < 0.02
+
+
+def test_friction_on_a_setpoint_of_one_frequency_is_no_rounding_of_the_encoder() -> None:
+    """A position free of noise, whose levels repeat; tons of mass and a spring cancel along it."""
+    t = np.arange(1000) / 50.0
+    x = 0.01 * np.sin(np.pi * t)
+    found = diagnose(noisy(t, x, 100.0 * x + 0.5 * np.tanh(np.gradient(x, t) / 1e-3))).diagnosis
+    assert [cause.name for cause in found.causes] == ["coulomb_friction"]

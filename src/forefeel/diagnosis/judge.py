@@ -37,6 +37,7 @@ from forefeel.diagnosis.verdict import (
     Diagnosis,
     Follows,
     HeldOut,
+    Interval,
     ModelError,
     NextMotion,
     VerdictName,
@@ -245,9 +246,16 @@ class Judge:
         return matters and self._predicted_share > _FORETOLD_UNKNOWN
 
     @cached_property
+    def _baseline(self) -> dict[str, dict[str, Interval]]:
+        return intervals(self.regression, self.base)
+
+    @cached_property
     def _rounding_n(self) -> float:
-        """rms in N of what the steps of the encoder make of the simulation."""
-        return self.regression.rounding_n(self.base)
+        """rms in N of what the steps of the encoder make of the simulation. A mass, damper or spring that may
+        be 0 makes none: at a single frequency tons of mass cancel with a spring.
+        """
+        known = (self._baseline[""][size] for size in BASE)
+        return self.regression.rounding_n(*(p.value if p.low > 0.0 or p.high < 0.0 else 0.0 for p in known))
 
     @property
     def _noise_is_known(self) -> bool:
@@ -487,7 +495,7 @@ class Judge:
             motion,
             (*self.analysis.flags(), *([SLOW] if self.slow else [])),
             self.floor_n,
-            ModelError.of(held.rmse_before_n, self.force_n, intervals(self.regression, self.base)),
+            ModelError.of(held.rmse_before_n, self.force_n, self._baseline),
             ModelError.of(held.rmse_after_n, self.force_n, self.parameters),
             held,
             follows=self._follows,

@@ -371,11 +371,11 @@ class RecordingRegression:
         """Force less the model's, on the coarse grid."""
         return np.asarray(self.signals.force - self.predicted(fit))
 
-    def rounding_n(self, fit: ModelFit) -> float:
-        """rms in N of the force that the fit's mass, damper and spring make of the encoder's steps, whose
+    def rounding_n(self, mass: float, damping: float, stiffness: float) -> float:
+        """rms in N of the force that mass, damper and spring in SI units make of the encoder's steps, whose
         power `step^2 / 12` is white up to half of the sampling rate, in the motion's band.
         """
-        s, (mass, damping, stiffness) = self.signals, fit.coefficients[: len(BASE)]
+        s = self.signals
         reach_hz = min(s.motion_reach_hz, s.cutoff_hz)
         w = 2.0 * np.pi * np.linspace(0.0, reach_hz, 200)
         gain = np.mean(np.abs(stiffness - w * w * mass + 1j * w * damping) ** 2)
