@@ -262,6 +262,14 @@ def test_without_motion_or_force_nothing_is_diagnosed(still: bool, flat: bool, s
         diagnose(recording(t, 0.0 * x if still else x, 0.0 * f + 1.0 if flat else f))
 
 
+def test_a_force_of_glitches_alone_never_changes() -> None:
+    t, x, *_ = motion(17, seconds=9.0)
+    f = np.full(len(t), 0.7)
+    f[np.random.default_rng(1).choice(len(t), 60, replace=False)] += np.linspace(2.0, 4.0, 60)
+    with pytest.raises(RecordingError, match="force never changes"):
+        diagnose(recording(t, x, f))
+
+
 def test_noise_is_learned_between_holes() -> None:
     """A colour of twelve taps would leave no row between holes that are nine samples apart."""
     rng, rows = np.random.default_rng(1), np.ones(900, dtype=np.bool_)

@@ -64,10 +64,11 @@ def test_noise_with_a_corner_is_bounded_from_above(rate_hz: float) -> None:
     assert 0.8 * true_n < floor.rms_n(1.0 / SECONDS, BAND_HZ) < 3.0 * true_n
 
 
-def test_a_slow_recording_and_a_filtered_one_tell_nothing() -> None:
+def test_a_slow_recording_a_filtered_one_and_a_force_that_stands_still_tell_nothing() -> None:
     assert found(white, 40.0)[0] is None
     assert found(white, 7.0)[0] is None  # not one sample in the shortest stretch
     recording = recorded(NOISE_N * white(15000, 500.0), 500.0)
     assert recording.force_n is not None
     filtered = sosfiltfilt(butter(3, 12.0, fs=500.0, output="sos"), recording.force_n)
     assert noise_floor(recording, np.asarray(filtered)) is None
+    assert noise_floor(recording, np.where(np.arange(15000) == 7000, 1.0, 0.0)) is None

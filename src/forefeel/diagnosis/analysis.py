@@ -155,11 +155,12 @@ def analyse(
         parts_s: of several recordings joined to one, when each but the first begins, in s since the start.
 
     Raises:
-        RecordingError: too few samples in a row, or fewer than 50 that can be compared.
+        RecordingError: a force of which only glitches change, too few samples in a row, or fewer than 50
+            that can be compared.
     """
     progress("sensor")
     recording = without_dependent_columns(recording)
-    cleaned = clean(recording)
+    cleaned = changing_force(recording)
     regression = conditioned(recording, cleaned, parts_s)
     signals = regression.signals
     _require(regression, recording, _LEAST_ROWS)
@@ -180,6 +181,16 @@ def analyse(
         if set(fit.model) == known:
             break
     return Analysis(cleaned, regression, search, regression.fit({"bias": ()}), fit, recording, floor)
+
+
+def changing_force(recording: Recording, known: Sequence[Cause] = ()) -> Cleaned:
+    """Cleans the force, see `clean`. Raises RecordingError where no more than glitches was in it."""
+    cleaned = clean(recording, known)
+    if float(np.ptp(cleaned.force_n)) == 0.0:
+        raise RecordingError(
+            f"{recording.source}: the force never changes but for glitches, expected a measured force"
+        )
+    return cleaned
 
 
 def fitted_elsewhere(

@@ -19,14 +19,13 @@ from forefeel.common.causes.wall import StiffnessChange
 from forefeel.common.error_size import Floats, rms
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
-from forefeel.diagnosis.analysis import Analysis, in_band_n
+from forefeel.diagnosis.analysis import Analysis, changing_force, in_band_n
 from forefeel.diagnosis.diagnose import Diagnosed, check
 from forefeel.diagnosis.expected_gain import less_own, noise_share, parameter_errors, powers
 from forefeel.diagnosis.long_recording import is_long, liveliest, stretch_s
 from forefeel.diagnosis.noise import noise_floor
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.residual import predictable_share
-from forefeel.diagnosis.sensor_faults import clean
 from forefeel.diagnosis.signals import Signals
 from forefeel.diagnosis.uncertainty import WIDER, gain
 from forefeel.diagnosis.verdict import Diagnosis, HeldOut
@@ -85,8 +84,8 @@ def confirm(diagnosed: Diagnosed, recording: Recording) -> Replay:
     of which the diagnosis names no cause.
 
     Raises:
-        RecordingError: the recording can not be diagnosed, see `check`, lacks a column that the model
-            follows, or has a lower rate than the band of the diagnosis needs.
+        RecordingError: the recording can not be diagnosed, see `check` and `changing_force`, lacks a column
+            that the model follows, or has a lower rate than the band of the diagnosis needs.
     """
     check(recording)
     diagnosis, analysis, name = diagnosed.diagnosis, diagnosed.analysis, recording.name
@@ -95,7 +94,7 @@ def confirm(diagnosed: Diagnosed, recording: Recording) -> Replay:
         recording = recording.cut(liveliest(recording, stretch_s(recording)))
     _require_columns(recording, analysis)
     here, cutoff_hz = analysis.regression, analysis.regression.signals.cutoff_hz
-    cleaned = clean(recording, diagnosis.causes)
+    cleaned = changing_force(recording, diagnosis.causes)
     if recording.rate_hz < (least_hz := cutoff_hz / _WIDEST):
         place = f"{recording.source}: {recording.rate_hz:.4g} Hz"
         raise RecordingError(f"{place}, expected at least {least_hz:.4g} Hz for the band of the diagnosis")

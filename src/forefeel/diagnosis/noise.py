@@ -174,7 +174,8 @@ def _floor_above(
     force: Floats, position: Floats, step_m: float, rate_hz: float, stretch_s: float, motion_hz: float
 ) -> NoiseFloor | None:
     """Noise floor fitted to the median spectrum, above `motion_hz`, of stretches of `stretch_s` without a
-    reversal. None: fewer than 8 stretches, or too little spectrum above. NaN in `force` rules a stretch out.
+    reversal. None: fewer than 8 stretches, too little spectrum above, or a force that stands still in most of
+    them. NaN in `force` rules a stretch out.
     """
     count = int(stretch_s * rate_hz)
     if count < _LEAST_SAMPLES:
@@ -189,8 +190,8 @@ def _floor_above(
     if too_few or too_slow or from_hz > _HIGHEST_START_HZ:
         return None
     power = _spectra(np.stack([force[start : start + count] for start in starts]), _TREND)
-    density = np.asarray(np.median(power, axis=0) / _OF_MEDIAN / rate_hz, dtype=np.float64)
-    return _fit_floor(frequency[above], density[above], len(starts))
+    density = np.asarray(np.median(power, axis=0) / _OF_MEDIAN / rate_hz, dtype=np.float64)[above]
+    return _fit_floor(frequency[above], density, len(starts)) if density.all() else None
 
 
 def _one_way(position: Floats, step_m: float, rate_hz: float, count: int) -> list[int]:
