@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from forefeel.common.errors import ConfigurationError
-from forefeel.common.recording.recording import Recording
+from forefeel.common.recording.recording import Column, Recording
 from forefeel.common.topics import FORCE
 from forefeel.diagnosis.excitation import ForceLimitMet, Limits, excitation, play_excitation
 from forefeel.diagnosis.investigation import Judged, investigate, judge
@@ -108,6 +108,30 @@ def test_model_of_the_question_stands_where_it_holds_on_an_answer_that_names_not
     for other in (recorded(there_and_back, 0.0, seed=2), recorded(0.3 * stroke())):  # without it; one way
         judged = judge(asked, other)
         assert (judged.of, judged.diagnosed.diagnosis.causes) == ("answer", ())
+
+
+def test_question_of_a_lower_rate_than_its_answer_confirms_it() -> None:
+    asked = investigate(recorded(stroke()).cut(slice(None, None, 2)), asdict(LIMITS), 10.0)
+    judged = judge(asked, recorded(asked.motion.position_m, seed=2))
+    assert [cause.name for cause in judged.diagnosed.diagnosis.causes] == ["coulomb_friction"]
+    assert judged.replay is not None and judged.replay.confirmation.verdict == "confirmed"
+
+
+def test_column_that_one_of_two_recordings_lacks_leaves_the_verdict_on_the_answer() -> None:
+    def beside(recording: Recording) -> Recording:
+        other_m = 0.01 * np.sin(2.3 * recording.time_s + 1.0) + 4e-3 * np.sin(5.7 * recording.time_s)
+        force_n = np.asarray(recording.force_n) + 20.0 * other_m
+        return replace(recording, force_n=force_n, further=(Column("other_m", "m", other_m),))
+
+    moved = excitation(LIMITS, 10.0).position_m
+    asked = investigate(beside(recorded(moved, 0.0)), asdict(LIMITS), 10.0)
+    assert asked.diagnosed is not None and asked.diagnosed.diagnosis.causes[0].name == "with_column"
+    judged = judge(asked, recorded(moved, 0.0, seed=2))
+    assert (judged.of, judged.diagnosed.diagnosis.causes) == ("answer", ())
+    plain = investigate(recorded(stroke(), 0.0), asdict(LIMITS), 10.0)
+    judged = judge(plain, beside(recorded(moved, 0.0, seed=2)))
+    assert (judged.replay, judged.diagnosed.diagnosis.causes[0].name) == (None, "with_column")
+    assert any(line.startswith("Not told ") for line in answer_lines(judged))
 
 
 def test_flat_question_leaves_all_open_and_gets_a_motion() -> None:

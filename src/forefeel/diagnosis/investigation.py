@@ -8,7 +8,7 @@ answer: a slow drift, a contact that the force limit has kept the answer away fr
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import inf
+from math import ceil, inf
 from types import MappingProxyType
 from typing import Literal
 
@@ -22,9 +22,11 @@ from forefeel.diagnosis.diagnose import Diagnosed, check, diagnose
 from forefeel.diagnosis.excitation import SECONDS, Limits, excitation
 from forefeel.diagnosis.forecast import Forecast, Rivals
 from forefeel.diagnosis.sensor_faults import clean
+from forefeel.diagnosis.signals import WIDEST
 from forefeel.diagnosis.verdict import Diagnosis
 
 _SHARES = (1.0, 0.8, 0.6, 0.45, 0.3, 0.2, 0.1, 0.05)  # of the limits, of which the largest is taken that does
+_SAME_RATE = 0.95  # of a rate, from which on another is the same
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,7 +100,7 @@ class Judged:
         diagnosed: `unexplained` where what the answer names was not confirmed.
         of: the recording that it is of: the question, where its model alone holds on the other one.
         refused: the diagnosis of the answer where it does not stand.
-        replay: on the other recording; None where nothing was named.
+        replay: on the other recording; None where nothing was named, or the question can not be replayed.
     """
 
     diagnosed: Diagnosed
@@ -112,29 +114,43 @@ def judge(asked: Investigation, answer: Recording, progress: Progress = lambda s
 
     Causes of the answer hold unless their model is `not_confirmed` on the first recording. Else those of the
     first hold if their model is confirmed on the answer, without cautions; else the verdict on the answer,
-    `unexplained` where it named causes. The next motion is dropped unless it is described in words.
+    `unexplained` where it named causes. The next motion is dropped unless it is described in words. Where
+    the first recording has too low a rate for the answer's band, the answer is diagnosed at that rate.
 
     Raises:
-        RecordingError: the answer can not be diagnosed, or one of the two recordings has too low a rate for
-            the band of the other.
+        RecordingError: the answer can not be diagnosed.
     """
-    alone = _unasked(diagnose(answer, progress))
+    question, alone = asked.question, _unasked(diagnose(answer, progress))
+    if (
+        alone.diagnosis.names_causes
+        and alone.analysis.regression.signals.cutoff_hz > WIDEST * question.rate_hz
+    ):
+        every = ceil(_SAME_RATE * answer.rate_hz / question.rate_hz)
+        alone = _unasked(diagnose(answer.cut(slice(None, None, every)), progress))
     named, replay = alone.diagnosis, None
     if named.names_causes:
         progress("confirmation")
-        replay = confirm(alone, asked.question)
-        if replay.confirmation.verdict != "not_confirmed":
+        replay = _replayed(alone, question)
+        if replay is None or replay.confirmation.verdict != "not_confirmed":
             return Judged(alone, "answer", None, replay)
     refused = named if replay else None
     if asked.diagnosed is not None and asked.diagnosed.diagnosis.verdict == "cause_found":
-        held = confirm(asked.diagnosed, answer)
-        if held.confirmation.verdict == "confirmed" and not held.confirmation.cautions:
+        held = _replayed(asked.diagnosed, answer)
+        if held and held.confirmation.verdict == "confirmed" and not held.confirmation.cautions:
             return Judged(_unasked(asked.diagnosed), "question", refused, held)
     if refused is None:
         return Judged(alone, "answer", None, None)
     suspected = tuple(cause.name for cause in named.causes)
     unexplained = replace(named, verdict="unexplained", causes=(), suspected=suspected, other_motion=None)
     return Judged(replace(alone, diagnosis=unexplained), "answer", named, replay)
+
+
+def _replayed(diagnosed: Diagnosed, recording: Recording) -> Replay | None:
+    """Replay of a model; None where that is not possible, as without a column that the model follows."""
+    try:
+        return confirm(diagnosed, recording)
+    except RecordingError:
+        return None
 
 
 def _unasked(diagnosed: Diagnosed) -> Diagnosed:

@@ -110,9 +110,10 @@ def answer_texts(asked: Investigation, answer: Recording, judged: Judged) -> dic
 
 
 def _confirmed(judged: Judged) -> list[tuple[str, str]]:
-    """Lines on the confirmation, before them one on refused causes; empty without a replay."""
+    """Lines on the confirmation, before them one on refused causes; empty where no cause was named."""
     if judged.replay is None:
-        return []
+        named = judged.diagnosed.diagnosis.names_causes
+        return [("Not told", "the question can not be simulated by this model")] if named else []
     lines = confirmation_lines(judged.replay)
     if judged.refused is None:
         return lines
