@@ -7,9 +7,10 @@ import pytest
 
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.analysis import conditioned
 from forefeel.diagnosis.confirmation import Confirmation, confirm
 from forefeel.diagnosis.diagnose import Diagnosed, diagnose
-from forefeel.diagnosis.expected_gain import less_own
+from forefeel.diagnosis.expected_gain import expected_gain, less_own
 from forefeel.diagnosis.extended_model import extended_model
 from forefeel.diagnosis.sensor_faults import clean
 from forefeel.results.confirmation_text import confirmation_lines
@@ -143,3 +144,14 @@ def test_what_can_not_be_diagnosed_confirms_nothing(rubbing: Diagnosed) -> None:
         confirm(rubbing, strokes(seconds=1.0))
     with pytest.raises(RecordingError, match=r"strokes\.csv: 40 Hz, expected at least 60"):
         confirm(rubbing, strokes(rate_hz=40.0))
+
+
+def test_a_rest_at_the_start_tells_nothing_of_other_motions() -> None:
+    moved, rest = strokes(30.0, friction_n=FRICTION_N), np.zeros(4000)
+    noise = np.random.default_rng(5).normal(0.0, 2e-3, len(rest))
+    x, force_n = np.append(rest, moved.position_m), np.append(0.3 + noise, np.asarray(moved.force_n))
+    rested = Recording("rested", np.arange(len(x)) / 100.0, x, force_n, "rested.csv")
+    regression = conditioned(rested, clean(rested))
+    base, fit = (regression.fit({"bias": (), **causes}) for causes in ({}, {"coulomb_friction": ()}))
+    expected = expected_gain(regression, base, fit, 2e-3, 1.0)
+    assert expected is not None and expected.gain_low > 0.5

@@ -22,8 +22,9 @@ from scipy.fft import irfft, rfft
 
 from forefeel.common.causes.catalogue import CANDIDATES, cause_class
 from forefeel.common.error_size import Floats
-from forefeel.common.recording.recording import Column
+from forefeel.common.recording.recording import Column, Recording
 from forefeel.diagnosis.analysis import Analysis
+from forefeel.diagnosis.long_recording import liveliest
 from forefeel.diagnosis.regression import ModelFit, RecordingRegression
 from forefeel.diagnosis.residual import predictable_share
 from forefeel.diagnosis.signals import Signals
@@ -132,13 +133,14 @@ def less_own(regression: RecordingRegression, fit: ModelFit, columns: Floats) ->
 def _along_other_motions(
     regression: RecordingRegression, fit: ModelFit, rng: Generator
 ) -> Iterator[RecordingRegression]:
-    """Yields a regression of the same bench along each path of `_other_paths`, made of the first 30 s of the
-    longest piece, with no measured force (zeros); skips one that is too short to be conditioned.
+    """Yields a regression of the same bench along each path of `_other_paths`, made of the liveliest 30 s of
+    the longest piece, with no measured force (zeros); skips one that is too short to be conditioned.
     """
     signals = regression.signals
     piece = max(signals.piecewise(), key=lambda p: p.stop - p.start)
     inside = np.flatnonzero(signals.recorded[piece]) + piece.start
-    inside = inside[signals.fine_t[inside] <= signals.fine_t[inside[0]] + _LONGEST_S]
+    recorded = Recording("", signals.fine_t[inside], signals.fine_x[inside], None, "")
+    inside = inside[liveliest(recorded, _LONGEST_S)]
     t, x = signals.fine_t[inside], signals.fine_x[inside]
     further = tuple(Column(n, signals.units[n], u[inside]) for n, u in signals.fine_further.items())
     for path in _other_paths(t, x, rng):
