@@ -108,6 +108,7 @@ def changed(messages: Messages, kind: type[Message], **fields: object) -> Messag
         (lambda m, r: (without(m, HAPTICS, 10**6), r), "no session"),
         (lambda m, r: (changed(m, HapticSample, protocol=6, snapshot=None), r), "protocol 6"),
         (lambda m, r: (without(m, HAPTICS, 7), r), "begins at command 8"),
+        (lambda m, r: (m + [(key, message, at + 10**10) for key, message, at in m], r), "holds two masters"),
         (lambda m, r: (without(m, MASTER_HANDSHAKE, 10**6), r), "no handshake"),
         (lambda m, r: (m, {name: r[name] for name in r if name != PRIOR}), "the prior it started from"),
         (lambda m, r: (changed(m, ModelParameters, model=("hysteresis",)), r), "predicts with (hysteresis)"),

@@ -8,6 +8,7 @@ bit.
 import json
 from collections import deque
 from concurrent.futures import Future
+from itertools import pairwise
 from math import isfinite, nan
 
 import numpy as np
@@ -34,8 +35,8 @@ def resimulate(run: Run, axis: str) -> tuple[Floats, int]:
     (3, n) for n haptic samples, NaN for none; and the number of messages that the recording lacks.
 
     Raises:
-        RecordingError: no session, one that has begun before the recording, or one whose prior or limits, or
-            the forces that its predictions knew, were not recorded.
+        RecordingError: no session, one that has begun before the recording, two masters, or one whose prior
+            or limits, or the forces that its predictions knew, were not recorded.
     """
     where, samples = f"{run.path}: axis {axis}", list(run.messages(axis, HAPTICS)) if axis in run.axes else []
     if not samples:
@@ -49,6 +50,8 @@ def resimulate(run: Run, axis: str) -> tuple[Floats, int]:
         raise RecordingError(
             f"{where}: begins at command {samples[0].sequence}; expected one from the start on"
         )
+    if any(later.sequence <= sample.sequence for sample, later in pairwise(samples)):
+        raise RecordingError(f"{where}: holds two masters, one after the other; expected one")
     commands = {(command.session_id, command.sequence): command for command in run.messages(axis, COMMAND)}
     session, rows = _Session(run, axis), list[list[float]]()
     for sample in samples:
