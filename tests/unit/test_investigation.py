@@ -1,17 +1,19 @@
 """A motion that is asked for, cut at the force limit, and the verdict on its answer."""
 
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from forefeel.common.errors import ConfigurationError
+from forefeel.common.recording.loading import load_recording
 from forefeel.common.recording.recording import Column, Recording
 from forefeel.common.topics import FORCE
 from forefeel.diagnosis.excitation import ForceLimitMet, Limits, excitation, play_excitation
 from forefeel.diagnosis.investigation import Judged, investigate, judge
 from forefeel.investigation.bench import ForceLimitWatch
-from forefeel.results.investigation import answer_lines
+from forefeel.results.investigation import answer_lines, question_lines, question_texts
 from forefeel.results.verdict_text import answer as diagnosis_lines
 from tests.messages import usual
 from tests.network import S
@@ -132,6 +134,17 @@ def test_column_that_one_of_two_recordings_lacks_leaves_the_verdict_on_the_answe
     judged = judge(plain, beside(recorded(moved, 0.0, seed=2)))
     assert (judged.replay, judged.diagnosed.diagnosis.causes[0].name) == (None, "with_column")
     assert any(line.startswith("Not told ") for line in answer_lines(judged))
+
+
+def test_rotation_is_asked_for_in_radians(tmp_path: Path) -> None:
+    turned = replace(recorded(stroke()), columns={"position": "rad:angle", "force": "Nm:torque"})
+    asked = investigate(turned, asdict(LIMITS), 10.0)
+    assert any("rad/s and 1 rad/s²" in line for line in question_lines(asked))
+    file = tmp_path / "motion.csv"
+    file.write_text(question_texts(asked)["motion.csv"], encoding="utf-8")
+    motion = load_recording(file)
+    assert motion.rotary
+    np.testing.assert_allclose(motion.position_m, asked.motion.position_m, rtol=1e-8)
 
 
 def test_flat_question_leaves_all_open_and_gets_a_motion() -> None:

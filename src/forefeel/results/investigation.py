@@ -9,7 +9,7 @@ import numpy as np
 
 from forefeel.common.causes.catalogue import words
 from forefeel.common.events.console import printable
-from forefeel.common.events.text import quantity, units_of
+from forefeel.common.events.text import quantity, shown_unit, units_of
 from forefeel.common.recording.recording import Recording
 from forefeel.common.yaml_file import dump_mapping
 from forefeel.diagnosis.excitation import RATE_HZ, Limits
@@ -80,17 +80,17 @@ def answer_lines(judged: Judged) -> list[str]:
 
 
 def motion_text(motion: Recording) -> str:
-    """A motion as CSV."""
+    """A motion as CSV, its position in m, or in rad within `units_of` a rotation."""
     table, columns = StringIO(), np.column_stack([motion.time_s, motion.position_m])
-    np.savetxt(table, columns, "%.9g", ",", header="time_s,position_m", comments="")
+    np.savetxt(table, columns, "%.9g", ",", header=f"time_s,position_{shown_unit('m')}", comments="")
     return table.getvalue()
 
 
 def question_texts(asked: Investigation) -> dict[str, str]:
     """Texts of `QUESTION_FILES` by their names; without the page where there is no diagnosis."""
-    texts = {MOTION: motion_text(asked.motion), QUESTION: _document(asked, None)}
-    if asked.diagnosed is not None:
-        with units_of(asked.question.columns):
+    with units_of(asked.question.columns):
+        texts = {MOTION: motion_text(asked.motion), QUESTION: _document(asked, None)}
+        if asked.diagnosed is not None:
             texts[QUESTION_PAGE] = render_page(
                 asked.question, asked.diagnosed, None, asked=_figures(asked, None)
             )
@@ -132,7 +132,7 @@ def _limits_text(limits: Limits) -> str:
         quantity(limits.high_m, "m"),
         quantity(limits.speed_m_s, "m/s"),
     )
-    return f"{low} to {high}, up to {speed} and {limits.acceleration_m_s2:.3g} m/s²"
+    return f"{low} to {high}, up to {speed} and {limits.acceleration_m_s2:.3g} {shown_unit('m')}/s²"
 
 
 def _motion_words(motion: Recording, limits: Limits) -> str:
