@@ -11,10 +11,12 @@ from forefeel.common.causes.catalogue import CANDIDATES
 from forefeel.common.error_size import Floats
 from forefeel.common.errors import RecordingError
 from forefeel.common.recording.recording import Recording
+from forefeel.diagnosis.analysis import conditioned
 from forefeel.diagnosis.diagnose import diagnose
 from forefeel.diagnosis.identifiability import turns
 from forefeel.diagnosis.noise import autoregression
 from forefeel.diagnosis.regression import RecordingRegression, solve, solve_passive
+from forefeel.diagnosis.search import Periods
 from forefeel.diagnosis.sensor_faults import clean, comb_step
 from forefeel.diagnosis.signals import Signals
 from forefeel.diagnosis.uncertainty import block_numbers, gain
@@ -276,3 +278,11 @@ def test_noise_is_learned_between_holes() -> None:
     rows[::10] = False
     noise = autoregression(rng.standard_normal(900), rows, [slice(0, 900)], 100.0)
     assert 2 * np.count_nonzero(noise.rows(rows, [slice(0, 900)])) >= np.count_nonzero(rows)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e10])
+def test_waves_beyond_the_bounds_of_their_period_end_no_search(scale: float) -> None:
+    t, x, v, a = motion(19, seconds=9.0)
+    far = recording(t, scale * x, linear(x, v, a))
+    regression = conditioned(far, clean(far))
+    assert len(Periods(regression).over_position(regression.fit({}))) == 4

@@ -11,7 +11,15 @@ import numpy as np
 from scipy.fft import ifft, rfft, rfftfreq
 from scipy.optimize import minimize, minimize_scalar
 
-from forefeel.common.causes.candidate import Candidate, Model, Periodic, PositionWave, Shape, base_name
+from forefeel.common.causes.candidate import (
+    Candidate,
+    Model,
+    Periodic,
+    PositionWave,
+    Shape,
+    base_name,
+    within,
+)
 from forefeel.common.causes.catalogue import CANDIDATES, kin
 from forefeel.common.causes.friction import CoulombFriction, PreslidingHysteresis
 from forefeel.common.causes.motion import Motion
@@ -122,7 +130,8 @@ class Periods:
 
         def power(waves: float) -> float:
             """Power of the residual that so many waves over the range explain."""
-            columns = _orthogonal(known, PositionMap(period_m=range_m / waves).columns(motion))
+            period = within(PositionMap, {"period_m": range_m / waves})
+            columns = _orthogonal(known, PositionMap(**period).columns(motion))
             moment = columns.T @ residual
             return float(moment @ np.linalg.lstsq(columns.T @ columns, moment, rcond=1e-9)[0])
 
