@@ -243,10 +243,21 @@ def unplugged(bench: Bench) -> None:
     bench.service.grip_status["connected"] = False
 
 
+def swapped(bench: Bench) -> None:
+    answer = bench.service.answer
+    bench.service.answer = lambda text: [message.replace("049D", "0500") for message in answer(text)]  # type: ignore[method-assign]
+
+
+def out_of_reach(bench: Bench) -> None:
+    bench.service.grip_status["connected"], bench.service.grip_state = False, False
+
+
 @pytest.mark.parametrize(
     ("fault", "says"),
     [
         (not_running, "the service is gone"),
+        (swapped, "0500; expected 049D, as before"),
+        (out_of_reach, "no Verse Grip"),
         (asleep, "asleep"),
         (given_too_much, "gives 3 N; expected at most 2 N"),
         (no_number, "no message of the Inverse service"),
@@ -263,7 +274,11 @@ def test_fault_takes_the_force_away_until_rearmed_with_the_deadman(
     assert says in bench.fallen()
     good, bench.force_n = HaplyService(), 0.0
     good.buttons["a"] = True  # held all the time
+    good.grip = False  # the service knows the device before its grip
     bench.service, bench.gone, bench.hangs = good, False, False
+    bench.time.run_until(lambda: bench.handle.link.state is LinkState.IDENTIFIED)
+    bench.time.run(0.1)
+    good.grip = True
     bench.time.run_until(lambda: bench.handle.link.state is LinkState.CONFIGURED)
     bench.time.run(0.1)
     assert good.force_n == [0.0, 0.0, 0.0]

@@ -10,7 +10,8 @@ class HaplyService:
     """Answers as the service does: everything at the start and when asked, a state after each force.
 
     Attributes:
-        asleep: whether the device does not wake up at a force; `present`, `grip`: whether it has them.
+        asleep: whether the device does not wake up at a force; `present`, `grip`: whether it has them;
+            `grip_state`: whether it knows what is pressed.
         position_m, velocity_m_s: of the cursor; `force_n`: as commanded; `given_n`: what the device says it
             gives in its place.
         buttons: of the grip; `grip_status`: what the service says of it.
@@ -18,6 +19,7 @@ class HaplyService:
 
     def __init__(self) -> None:
         self.asleep, self.present, self.grip, self.silent = False, True, True, False
+        self.grip_state = True
         self.more: list[dict[str, Any]] = []
         self.position_m: list[float] = [0.0, 0.0, 0.0]
         self.velocity_m_s: list[float] = [0.0, 0.0, 0.0]
@@ -58,7 +60,9 @@ class HaplyService:
             name: dict(zip(_VECTOR, values, strict=True)) for name, values in vectors.items()
         }
         device: dict[str, Any] = {"device_id": "049D", "state": state | {"control_mode": "cartesian"}}
-        grip: dict[str, Any] = {"device_id": "61576", "state": {"buttons": self.buttons, "hall": 1}}
+        grip: dict[str, Any] = {"device_id": "61576"}
+        if self.grip_state:
+            grip["state"] = {"buttons": self.buttons, "hall": 1}
         if full:
             device |= {
                 "config": {"handedness": "right", "port": "COM3"},

@@ -137,30 +137,31 @@ class HaplyTalk:
 
     def _identify(self, device_id: str) -> None:
         """Stores the id in the link as serial number and identity: IDENTIFIED; nothing unless it is OPEN.
-        DeviceSetupError: another device than before.
+        DeviceSetupError: another device than before, at any time.
         """
-        if self._link.state is not LinkState.OPEN:
-            return
         if self._link.serial not in ("", device_id):
             raise DeviceSetupError(
                 f"{self._settings.url}: {device_id}; expected {self._link.serial}, as before"
             )
+        if self._link.state is not LinkState.OPEN:
+            return
         self._link.serial = device_id
         self._link.identity = f"Inverse3 {device_id}"
         self._link.advance(LinkState.IDENTIFIED)
 
-    def _pressed(self, grips: list[VerseGrip]) -> frozenset[str]:
-        """Names of the buttons that are pressed: none where no grip is there, or it is asleep or out of
+    def _pressed(self, grips: list[VerseGrip]) -> frozenset[str] | None:
+        """Names of the buttons that are pressed; None where no grip is there, or it is asleep or out of
         reach. Stores the status of the grip.
         """
-        if not grips or grips[0].state is None:
-            return frozenset()
-        self._grip_status = grips[0].status or self._grip_status
-        if not (self._grip_status.awake and self._grip_status.connected):
-            return frozenset()
-        return frozenset(name for name, pressed in grips[0].state.buttons.items() if pressed)
+        if not grips:
+            return None
+        status = self._grip_status = grips[0].status or self._grip_status
+        state = grips[0].state
+        if state is None or not (status.awake and status.connected):
+            return None
+        return frozenset(name for name, pressed in state.buttons.items() if pressed)
 
-    def _take_state(self, state: CursorState, pressed: frozenset[str], now_ns: int) -> None:
+    def _take_state(self, state: CursorState, pressed: frozenset[str] | None, now_ns: int) -> None:
         """Stores a state as `newest`, and passes its button to `deadman`. During the handshake the first one
         of a usable device makes the link READY. DeviceError, later: an unusable one, or too much force.
         """
@@ -168,9 +169,12 @@ class HaplyTalk:
         self._link.exchanged(now_ns - self._sent_ns if self._sent_ns else None)
         along = self._settings.direction
         self.newest = HandState(
-            now_ns, state.cursor_position.along(along), state.cursor_velocity.along(along), pressed
+            now_ns,
+            state.cursor_position.along(along),
+            state.cursor_velocity.along(along),
+            pressed or frozenset(),
         )
-        self.deadman.take(self._settings.deadman in pressed)
+        self.deadman.take(None if pressed is None else self._settings.deadman in pressed)
         unfit = self._unfit()
         if self._link.state is LinkState.IDENTIFIED:
             self._missing = unfit or self._missing

@@ -15,7 +15,11 @@ class Deadman:
     def __init__(self) -> None:
         self.pressed_anew = self._let_go = False
 
-    def take(self, pressed: bool) -> None:
+    def take(self, pressed: bool | None) -> None:
+        """Takes the newest state of the deadman; None, where the handle can not tell, is no letting go."""
+        if pressed is None:
+            self.pressed_anew = False
+            return
         self.pressed_anew = pressed and (self.pressed_anew or self._let_go)
         self._let_go = not pressed
 
