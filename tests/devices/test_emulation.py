@@ -50,6 +50,18 @@ def test_the_cell_feels_the_newest_force_and_outlives_the_stage(tmp_path: Path) 
     assert not path.exists()
 
 
+def test_a_force_link_takes_the_place_of_a_socket_and_of_no_other_file(tmp_path: Path) -> None:
+    path = tmp_path / "notes"
+    path.write_text("mine")
+    for wrong in path, tmp_path / "none" / "feel":
+        with pytest.raises(ConfigurationError, match=f"--feel {wrong}: .*; expected a free path"):
+            ForceReceiver(wrong)
+    assert path.read_text() == "mine"
+    left = ForceReceiver(tmp_path / "feel")
+    ForceReceiver(tmp_path / "feel").close()
+    left.close()
+
+
 class Device:
     faults = ("unplug", "plug")
 

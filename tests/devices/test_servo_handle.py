@@ -129,3 +129,11 @@ def test_its_socket_is_of_this_user_alone_and_takes_the_place_of_one_that_was_le
 def test_a_folder_that_is_not_there_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(DeviceSetupError, match=r"servo\.sock: No such file or directory"):
         ServoHandle(tmp_path / "none" / "servo.sock", 0.1).open()
+
+
+def test_a_file_that_is_no_socket_stays(tmp_path: Path) -> None:
+    path = tmp_path / "master.yaml"
+    path.write_text("cell: a")
+    with pytest.raises(DeviceSetupError, match=r"master\.yaml: Address already in use"):
+        ServoHandle(path, 0.1).open()
+    assert path.read_text() == "cell: a"

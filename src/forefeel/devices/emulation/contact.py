@@ -58,15 +58,21 @@ class ForceSender:
 
 
 class ForceReceiver:
-    """Receives the force of a `ForceSender` at a socket of its own, which it makes at `path`."""
+    """Receives the force of a `ForceSender` at a socket of its own, which it makes at `path`, in place of one
+    that is there. ConfigurationError: it can not, or another file is there.
+    """
 
     def __init__(self, path: Path) -> None:
-        with suppress(FileNotFoundError):
-            path.unlink()
         self._path = path
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
-        self._socket.bind(_short(path))
+        try:
+            if path.is_socket():
+                path.unlink(missing_ok=True)
+            self._socket.bind(_short(path))
+        except OSError as error:
+            self._socket.close()
+            raise ConfigurationError(f"--feel {path}: {error.strerror}; expected a free path") from error
         self._force_n = 0.0
 
     def newest_n(self) -> float:

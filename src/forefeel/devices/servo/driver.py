@@ -43,11 +43,14 @@ class ServoHandle:
         self._fresh = False
 
     def open(self) -> None:
-        """Makes the socket, for this user alone, in place of a file there. DeviceSetupError: it can not."""
+        """Makes the socket, for this user alone, in place of one that is there. DeviceSetupError: it can not,
+        or another file is there.
+        """
         opened = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_NONBLOCK)
         mask = os.umask(0o177)
         try:
-            self._path.unlink(missing_ok=True)  # of a master that was killed
+            if self._path.is_socket():  # of a master that was killed
+                self._path.unlink(missing_ok=True)
             opened.bind(str(self._path))
         except OSError as error:
             opened.close()
