@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import can
 import pytest
 from pydantic import ValidationError
 
@@ -152,6 +153,27 @@ def test_drive_not_of_the_settings_is_refused(changed: dict[str, Any], missing: 
             rig.stage.open()
         assert "\n" not in str(caught.value)
         assert rig.drive.model.position_m == START_M and cia402.ENABLE not in rig.words
+
+
+def test_homing_that_does_not_fit_into_its_object_is_refused() -> None:
+    changed = {"counts_per_m": 1e9, "homing": {"acceleration_m_s2": 10.0}}
+    refused = pytest.raises(DeviceSetupError, match="609A:00 = 10000000000: does not fit")
+    with rigged(stage=changed) as rig, refused:
+        Cia402Homing(rig.stage._settings, rig.time).__enter__()
+
+
+def test_answers_that_are_cut_short_are_none() -> None:
+    with rigged() as rig:
+        send = rig.drive._bus.send
+
+        def cut(message: can.Message, timeout: float | None = None) -> None:
+            message.data = message.data[:2]
+            message.dlc = len(message.data)
+            send(message, timeout)
+
+        rig.drive._bus.send = cut  # type: ignore[method-assign]
+        with pytest.raises(DeviceSetupError, match="no answer; expected a CiA 402 device"):
+            Cia402Homing(rig.stage._settings, rig.time).__enter__()
 
 
 def test_calibration_must_be_of_this_drive(tmp_path: Path) -> None:

@@ -104,10 +104,7 @@ class RemoteDevice:
         """Writes an entry, and reads it back. DeviceError: no answer, or refused. DeviceSetupError: the value
         does not fit into the entry, or the device took another one.
         """
-        try:
-            self._try("writing", entry, entry.pack(value))
-        except struct.error as error:
-            raise DeviceSetupError(f"{self.name}: {entry} = {value}: does not fit into it") from error
+        self._download(entry, value)
         actual = self.read(entry)
         if actual != value:
             raise DeviceSetupError(f"{self.name}: {entry} = {actual:g} after {value:g} was written")
@@ -117,12 +114,21 @@ class RemoteDevice:
             self.write(entry, value)
 
     def offer(self, entry: ObjectEntry, value: float) -> bool:
-        """Writes an entry that a device need not have, without reading it back; false when it refuses."""
+        """Writes an entry that a device need not have, without reading it back; false when it refuses. Raises
+        as `write`.
+        """
         try:
-            self._try("writing", entry, entry.pack(value))
+            self._download(entry, value)
         except _RefusedError:
             return False
         return True
+
+    def _download(self, entry: ObjectEntry, value: float) -> None:
+        try:
+            data = entry.pack(value)
+        except struct.error as error:
+            raise DeviceSetupError(f"{self.name}: {entry} = {value}: does not fit into it") from error
+        self._try("writing", entry, data)
 
     def _try(self, what: str, entry: ObjectEntry, data: bytes | None) -> bytes:
         """Returns the bytes of an entry; with `data` writes that to it instead, and returns b"". Three
@@ -141,7 +147,7 @@ class RemoteDevice:
                     f"{self.name}: {what} {entry} is refused ({error}); expected a device that has it: "
                     "check node_id and driver"
                 ) from error
-            except canopen.SdoCommunicationError as error:
+            except (canopen.SdoCommunicationError, struct.error) as error:  # the latter: one cut short
                 if not left:
                     raise _SilentError(f"{self.name}: no answer to {what} {entry}") from error
             except (can.CanError, OSError, RuntimeError) as error:
