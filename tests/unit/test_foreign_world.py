@@ -188,6 +188,8 @@ MJCF = """
     </body>
     <geom type="box" pos="16 0 0" size="2 5 5"/>
   </worldbody>
+  <tendon><fixed name="cable"><joint joint="spring" coef="1"/></fixed></tendon>
+  <actuator><position name="winch" tendon="cable"/></actuator>
   <sensor><jointpos name="gap" joint="spring"/><jointpos name="at" joint="slide"/></sensor>
 </mujoco>"""
 
@@ -219,6 +221,7 @@ def test_a_body_that_is_pushed_through_a_wall_ends_it(tmp_path: Path) -> None:
     ("settings", "message"),
     [
         ({"drive": "motor"}, "drive = 'motor'; expected an actuator or a joint of it"),
+        ({"drive": "winch"}, "drive = 'winch'; expected an actuator or a joint of it"),
         ({"force": "cell"}, "force = 'cell'; expected one of gap, at"),
         ({"shape": "wire"}, "shape = 'wire'; expected one of world, carriage, tip"),
         ({"step_s": 7e-4}, "timestep = 0.0007; expected a whole part of 1 ms"),

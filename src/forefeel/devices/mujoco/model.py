@@ -9,6 +9,7 @@ from forefeel.devices.mujoco.settings import MujocoSettings
 
 _PERIOD_S = 1e-3
 _Kind = mujoco.mjtObj
+_OF_JOINT = mujoco.mjtTrn.mjTRN_JOINT, mujoco.mjtTrn.mjTRN_JOINTINPARENT
 
 
 class MujocoModel:
@@ -82,13 +83,14 @@ class MujocoModel:
 
     def _drive(self) -> tuple[int, int]:
         """Numbers of the actuator that `drive` names and of its joint, else -1 and that of the joint of this
-        name. Raises ConfigurationError: there is neither.
+        name. Raises ConfigurationError: there is neither, or an actuator of something else than a joint.
         """
         name = self._settings.drive
         actuator = int(mujoco.mj_name2id(self._model, _Kind.mjOBJ_ACTUATOR, name))
         joint = int(mujoco.mj_name2id(self._model, _Kind.mjOBJ_JOINT, name))
-        if actuator >= 0:
-            joint = int(self._model.actuator_trnid[actuator, 0])
+        if actuator >= 0:  # of a tendon, site or body the number would be taken for that of a joint
+            of_joint = self._model.actuator_trntype[actuator] in _OF_JOINT
+            joint = int(self._model.actuator_trnid[actuator, 0]) if of_joint else -1
         if joint < 0:
             raise ConfigurationError(f"{self._file}: drive = {name!r}; expected an actuator or a joint of it")
         return actuator, joint
