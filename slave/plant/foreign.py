@@ -13,7 +13,7 @@ from math import ceil
 from typing import ClassVar, Protocol
 
 from forefeel.common.causes.motion import Columns
-from forefeel.common.errors import ConfigurationError, DeviceError
+from forefeel.common.errors import ConfigurationError, DeviceError, InputError
 from forefeel.common.hardware.driver import DriverSettings, Slot, driver_of, imported
 
 Point = tuple[float, float, float]
@@ -73,7 +73,13 @@ class ForeignContact:
         except ImportError as error:
             needs = "MuJoCo comes with pip install 'forefeel[worlds]'"
             raise ConfigurationError(f"world {self._name}: {error}; {needs}") from error
-        self.world: World = make(settings)
+        try:
+            self.world: World = make(settings)
+        except InputError:
+            raise
+        except Exception as error:
+            why = " ".join(str(error).split()) or type(error).__name__
+            raise ConfigurationError(f"world {self._name}: can not be made of its settings: {why}") from error
         self._due_s: float | None = None
         self._force_n = 0.0
         self.instrument_m = 0.0

@@ -56,12 +56,21 @@ def test_wire_that_leaves_its_vessel_is_a_fault_of_the_slave(tmp_path: Path) -> 
 
 def test_vessel_that_can_not_be_is_refused(tmp_path: Path) -> None:
     file = yaml.safe_load((OUR_WORLDS / "coronary.yaml").read_text())
-    for pieces, message in (
-        ([{"length_m": 0.05}], "expected .* what the wire reaches"),
-        ([{"radius_m": 0.003, "turn_deg": 90}], r"radius_m = 0\.003; expected at least 0\.0045"),
-        ([{"radius_m": 0.01, "turn_deg": 270}, {"length_m": 0.2}], "crosses itself"),
+    world, straight = file["simulation"]["world"], [{"length_m": 0.9}]
+    fine, none = {"inserted_m": 0.4, "guide_m": 0.2}, {"inserted_m": 5e-4, "guide_m": 5e-4}
+    wire = {**world["wire"], "segment_m": 1e-3}
+    for changed, message in (
+        ({"pieces": [{"length_m": 0.05}]}, "expected .* what the wire reaches"),
+        ({"pieces": [{"radius_m": 0.003, "turn_deg": 90}]}, r"radius_m = 0\.003; expected at least 0\.0045"),
+        ({"pieces": [{"radius_m": 0.01, "turn_deg": 270}, {"length_m": 0.2}]}, "crosses itself"),
+        (
+            {"pieces": straight, "wire": wire, **fine},
+            r"segment_m = 0\.001: 600 segments on .*expected 1 to 495",
+        ),
+        ({"pieces": straight, **none}, "0 segments on .*expected 1 to 495"),
+        ({"pieces": [{"radius_m": 0.05, "turn_deg": 1e-300}, *straight]}, "world vessel: can not be made"),
     ):
-        file["simulation"]["world"]["pieces"] = pieces
+        file["simulation"]["world"] = world | changed
         (tmp_path / "no.yaml").write_text(yaml.safe_dump(file))
         with pytest.raises(ConfigurationError, match=message):
             VirtualLoopback(plan(str(tmp_path / "no.yaml"), 1.0), 1)

@@ -48,6 +48,8 @@ class Spring:
         self._breaks_at_m, self._points = settings.breaks_at_m, settings.points
         self._friction_n, self._sign = settings.friction_n, settings.force_sign
         self._tip_m = 0.0
+        if not self._breaks_at_m:
+            raise ArithmeticError("it is\nbroken")
 
     def step(self, position_m: float, velocity_m_s: float) -> float:
         if position_m > self._breaks_at_m:
@@ -101,6 +103,13 @@ def test_a_spring_of_others_is_our_spring_and_what_is_hidden_acts_beside_it() ->
 def test_an_engine_that_fails_is_a_fault_of_the_device() -> None:
     with pytest.raises(DeviceError, match=r"^world spring: it broke$"):
         readings({"world": {"driver": "spring", "breaks_at_m": 0.01}})
+
+
+def test_an_engine_that_can_not_be_made_is_refused() -> None:
+    with pytest.raises(
+        ConfigurationError, match=r"^world spring: can not be made of its settings: it is broken$"
+    ):
+        readings({"world": {"driver": "spring", "breaks_at_m": 0.0}})
 
 
 def test_settings_of_a_world_are_checked_as_those_of_a_device() -> None:

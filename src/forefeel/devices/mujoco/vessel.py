@@ -5,13 +5,15 @@ from forefeel.devices.mujoco.path import WALL_M, vessel_path
 from forefeel.devices.mujoco.settings import GuidewireSettings
 from forefeel.devices.mujoco.wire import Guidewire, WireChain
 
+_MOST_SEGMENTS = 495  # of MuJoCo 4.0.1, which reads no XML that is nested deeper
+
 
 def make_vessel(settings: GuidewireSettings) -> Guidewire:
     """The wire at rest in its vessel, with the stage at the beginning of the guide.
 
     Raises:
         ConfigurationError: the vessel crosses itself, has a bend that its wall has no room in, or is shorter
-            than what the wire reaches.
+            than what the wire reaches; or the wire has no segment, or too many.
     """
     half_m = 0.5 * settings.lumen_m
     tightest_m, least_m = min(piece.radius_m or 1.0 for piece in settings.pieces), half_m + 2.0 * WALL_M
@@ -25,6 +27,10 @@ def make_vessel(settings: GuidewireSettings) -> Guidewire:
     if path.crosses_itself():
         raise ConfigurationError("vessel: it crosses itself; expected pieces that keep apart")
     of = settings.wire
+    segments = round(length_m / of.segment_m)
+    if not 1 <= segments <= _MOST_SEGMENTS:
+        made = f"{segments} segments on {length_m:g} m; expected 1 to {_MOST_SEGMENTS}"
+        raise ConfigurationError(f"vessel: segment_m = {of.segment_m:g}: {made}")
     wire = WireChain(of.stiffness_n_m2, of.radius_m, length_m, of.segment_m, of.soft_tip)
     world = Guidewire(wire, path, settings.friction)
     world.settle()
