@@ -6,12 +6,14 @@ from math import nan
 from pathlib import Path
 from typing import Any
 
+import can
 import pytest
 import yaml
 
 from forefeel.common.clock import VirtualClock
 from forefeel.common.errors import ConfigurationError, DeviceError, DeviceSetupError
 from forefeel.common.hardware.link import LinkState
+from forefeel.devices.canopen.cia301 import EMERGENCY, emergency_frame
 from forefeel.devices.canopen.network import acquire, release
 from forefeel.devices.cia404 import protocol as cia404
 from forefeel.devices.cia404.driver import Cia404LoadCell
@@ -118,6 +120,15 @@ def test_stage_and_cell_share_one_network_and_one_sync() -> None:
         assert rig.readings(0.4) and rig.stage.link.state is LinkState.READY
         rig.stage.close()
         assert rig.readings(0.2)
+
+
+def test_an_emergency_that_is_over_at_once_is_a_fault() -> None:
+    with rigged("cell") as rig:
+        for code in 0x8130, 0:
+            rig.transducer._bus.send(
+                can.Message(arbitration_id=EMERGENCY + CELL, data=emergency_frame(code), is_extended_id=False)
+            )
+        assert rig.fault_of(rig.cell).endswith("emergency 8130")
 
 
 def test_bus_has_one_bitrate() -> None:

@@ -144,4 +144,4 @@ class Cia404LoadCell(QueuedLoadCell):
     def _on_emergency(self, can_id: int, data: bytearray, stamp: float) -> None:
         del can_id, stamp
         self.link.counters["emergencies"] += 1
-        self._emergency = emergency(data) or 0
+        self._emergency = emergency(data) or self._emergency  # one that is over within a period, too
