@@ -131,6 +131,15 @@ def test_an_emergency_that_is_over_at_once_is_a_fault() -> None:
         assert rig.fault_of(rig.cell).endswith("emergency 8130")
 
 
+def test_readings_from_before_a_close_are_dropped() -> None:
+    with rigged("cell") as rig:
+        rig.time.run(0.4)
+        rig.cell.close()
+        since_ns = rig.time.now_ns()
+        rig.cell.open()
+        assert all((reading.stamp_ns or 0) >= since_ns for reading in rig.readings(0.1))
+
+
 def test_bus_has_one_bitrate() -> None:
     with rigged("cell") as rig, pytest.raises(DeviceSetupError, match="bitrate = 500000: expected 1000000"):
         acquire(rig.bus.model_copy(update={"bitrate": 500_000}))

@@ -211,6 +211,18 @@ def test_device_that_is_not_fit_is_refused(
         assert "\n" not in str(refused.value)
 
 
+def test_device_that_was_refused_or_closed_can_be_opened_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    with closed(monkeypatch) as bench:
+        without_a_grip(bench)
+        with pytest.raises(DeviceSetupError):
+            bench.handle.open()
+        bench.service.grip = True
+        for _ in range(2):
+            bench.handle.open()
+            assert bench.handle.link.state is LinkState.READY
+            bench.handle.close()
+
+
 def test_device_of_the_settings_is_taken_among_several(monkeypatch: pytest.MonkeyPatch) -> None:
     with closed(monkeypatch, device_id="049D") as bench:
         several(bench)

@@ -178,6 +178,17 @@ def test_readback_is_carried_on_for_20_ms_at_most() -> None:
         assert rig.stage.read(stamp_ns - 5 * MS).position_m == x
 
 
+def test_setpoint_from_before_a_close_moves_nothing() -> None:
+    with rigged() as rig:
+        rig.command(0.05)
+        rig.stage.close()
+        rig.time.run(0.1)
+        at_m, since_s = rig.x_m, rig.time.t_s
+        rig.stage.open()
+        rig.time.run(0.2)
+        assert rig.x_m == at_m and not rig.moves(since_s)
+
+
 def test_close_leaves_the_stage_at_rest() -> None:
     with rigged() as rig:
         rig.command(0.09, 0.1)

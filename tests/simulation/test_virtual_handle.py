@@ -60,6 +60,7 @@ class Rig:
         self.pair.runtime.loop("wire", MS, self._step)
 
     def _shake_hands(self, talks: Conversation) -> None:
+        self._talks = talks
         self.line.read()
         while not talks.settled:
             self.line.ahead_s += 0.001
@@ -69,7 +70,7 @@ class Rig:
         if now_ns < self._again_ns:
             self.line.read()  # the device goes on, and nobody listens
         else:
-            self._again_ns = now_ns + round(1e9 * (self.handle._conversation.step() or 0.0))
+            self._again_ns = now_ns + round(1e9 * (self._talks.step() or 0.0))
         self.currents_a.append(self.device.current_a)
 
 

@@ -52,7 +52,7 @@ class ThreadedHandle(Generic[E]):
     def __init__(self, link: DeviceLink, talk: E, open_s: float) -> None:
         """`open_s`: time in s that opening may take."""
         self.link, self._talk, self._open_s = link, talk, open_s
-        self._conversation = Conversation(link, self._converse)
+        self._conversation: Conversation | None = None
 
     @property
     def counters(self) -> Counter[str]:
@@ -69,11 +69,15 @@ class ThreadedHandle(Generic[E]):
             DeviceSetupError: nobody answers, or not the device that the settings name.
             DeviceError: it does not get ready.
         """
+        self.close()
+        self._conversation = Conversation(self.link, self._converse)
         self._conversation.start(self._open_s)
 
     def close(self) -> None:
         self._talk.clear_setpoint()
-        self._conversation.stop()
+        conversation, self._conversation = self._conversation, None
+        if conversation is not None:
+            conversation.stop()
 
     def rearm(self) -> None:
         """Re-arms the link, the explicit act after a fault; no force before the next `render`. DeviceError:

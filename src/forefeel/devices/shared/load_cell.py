@@ -31,8 +31,11 @@ class QueuedLoadCell:
         self._conversation: Conversation | None = None
 
     def open(self) -> None:
-        """Starts the conversation, unless it runs, and waits until the link is READY; raises as `start`."""
+        """Starts the conversation, unless it runs, and waits until the link is READY; raises as `start`. What
+        had been read before is dropped.
+        """
         if self._conversation is None:
+            self._queue.drain()
             conversation = Conversation(self.link, self._converse)
             conversation.start(self._open_s())
             self._conversation = conversation

@@ -497,6 +497,7 @@ class ZaberStage:
             DeviceSetupError: no such port, no such device, or it is not homed; the stage was not moved.
         """
         self.close()
+        self._orders.hold()  # a setpoint of before moves nothing
         self._conversation = Conversation(self.link, self._converse)
         self._conversation.start(_OPEN_S)
 
