@@ -228,6 +228,19 @@ def test_a_pause_that_nobody_confirms_is_told_after_2_s(
     assert "NOT CONFIRMED" in line and says in line
 
 
+def test_a_pause_while_the_last_one_ends_is_not_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = Rig({}, SafetyState.ARMED)
+    rig.commands.state_command("insertion", string_stamped("pause"), b"")
+
+    def pause_again(_text: str) -> None:
+        rig.clock.set_ns(3 * S)
+        rig.commands.state_command("insertion", string_stamped("pause"), b"")
+
+    monkeypatch.setattr("forefeel.ros.bridge.ask", pause_again)
+    assert rig.stops(0, 101) == 101
+    assert rig.stops(101, 111) == 111
+
+
 @pytest.mark.parametrize("command", ["resume", "enable", "home", "", "Pause"])
 def test_every_other_state_command_is_refused(command: str, capsys: pytest.CaptureFixture[str]) -> None:
     rig = Rig({}, SafetyState.ARMED)

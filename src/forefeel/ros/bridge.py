@@ -91,26 +91,28 @@ class Commands:
             self._refuse(axis, STATE_COMMAND, f"{command[:32]!r}, expected pause, the only one")
             return
         now_ns = self._stopper.asked_ns = self._clock.now_ns()
-        self.stop_until_ns = now_ns + int(FOR_S * 1e9)
         self._stopper.reason = f"ROS: {STATE_COMMAND} pause of {axis}"
+        self.stop_until_ns = now_ns + int(FOR_S * 1e9)
         say(f"ros: {axis}: pause: the cell stops")
 
     def repeat_stop(self, now_ns: int) -> None:
         """Publishes the stop, if one is wanted, and prints its outcome once all axes confirm it or 2 s have
         gone, which ends it; to be called every `EVERY_S`.
         """
-        if not self.stop_until_ns:
+        until_ns = self.stop_until_ns
+        if not until_ns:
             return
         self._stopper.publish(now_ns)
         outcome = self._stopper.outcome()
         states = ", ".join(f"{axis} {state}" for axis, state in outcome.items()) or "no slave heard"
         if all_stopped(outcome):
             say(f"ros: stopped: {states}; latched until `forefeel clear` on the slave's host")
-        elif now_ns >= self.stop_until_ns:
+        elif now_ns >= until_ns:
             ask(f"ros: STOP NOT CONFIRMED ({states}): USE THE STOP OF THE MACHINE ITSELF")
         else:
             return
-        self.stop_until_ns = 0
+        if self.stop_until_ns == until_ns:  # else another pause has come meanwhile, from a thread
+            self.stop_until_ns = 0
 
     def servo_jp(self, axis: str, payload: bytes, writer: bytes) -> None:
         """Sends a JointState's position and velocity to the socket of the axis' handle. Refuses a malformed
