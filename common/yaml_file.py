@@ -60,7 +60,7 @@ def load_yaml(path: Path) -> tuple[dict[str, Any], dict[Place, int]]:
         line = mark.line + 1 if mark else 1
         problem = getattr(error, "problem", None) or getattr(error, "reason", None) or "not YAML"
         raise ConfigurationError(f"{path}:{line}: {problem}; expected plain YAML") from error
-    except (ValueError, RecursionError) as error:  # a date that is none; brackets a thousand deep
+    except (ValueError, OverflowError, RecursionError) as error:  # no date; 1:1:...:1.0; brackets in brackets
         raise ConfigurationError(f"{path}: {error}; expected YAML") from error
     if not isinstance(data, dict):
         kind = KINDS.get(type(data), f"{data!r:.40}")

@@ -29,8 +29,9 @@ def run() -> None:
 
 def main() -> None:
     """Runs the command of `sys.argv` and always exits: code 2 on InputError, 1 on another ForefeelError, each
-    one line on stderr. `estop` runs before typer is imported. On UnclearError (columns or units in doubt)
-    the line repeats the command with the columns to add.
+    one line on stderr; an OSError that names a file, as one too long or not to be read, is of the input, too.
+    `estop` runs before typer is imported. On UnclearError (columns or units in doubt) the line repeats the
+    command with the columns to add.
     """
     try:
         code = _stop() if sys.argv[1:2] == ["estop"] else _command()
@@ -44,6 +45,9 @@ def main() -> None:
         _complain(str(error), 2)
     except ForefeelError as error:
         _complain(str(error), 1)
+    except OSError as error:
+        where = "" if error.filename is None else f"{error.filename}: "
+        _complain(f"{where}{error.strerror or error}", 2 if where else 1)
     else:
         sys.exit(code)
 

@@ -32,6 +32,7 @@ SETTINGS: list[tuple[str, str, tuple[str, ...], str]] = [
     (CHECK, "", ("f.yaml:2", "mars", "satellite"), "role: slave\nimpairment: {inbound: mars}\n"),
     (START, "", ("f.yaml:2", "no.mcap"), "role: slave\nimpairment: {replay: no.mcap}\n"),
     (CHECK, "", ("f.yaml:2", "patient"), f"{MASTER}[{{prediction: {{prior_dir: p, instrument: wire}}}}]"),
+    (CHECK, "", ("f.yaml: ", "too large"), f"role: slave\nseed: 1{':1' * 200}.0"),
     (CHECK, "", ("f.yaml:2", "'a/b'"), f"{MASTER}[{{prediction: {{patient: a/b}}}}]"),
     (CHECK, "", ("two keep one prior",), f"{MASTER}[{{name: a, {KEEPS}}}, {{name: b, {KEEPS}}}]"),
     (CHECK, "", ("f.yaml:3: axes[0]", "load_cell: missing", "add the line load_cell: {"), f"{REAL}name: a"),
@@ -52,6 +53,13 @@ BAD: list[tuple[str, tuple[str, ...], dict[str, str]]] = [
     ("config check", ("FILE",), {}),
     ("slave --config @/none.yaml", ("none.yaml", "No such file"), {}),
     ("slave --config @", ("Is a directory",), {}),
+    *(
+        (f"{line}{'a' * 300}{suffix}", ("File name too long",), {})
+        for line, suffix in [
+            ("pki init --cell a @/", ""), ("simulate --model catheter --out @/", ".csv"),
+            ("diagnose @/", ".csv"), (LOOPBACK, ""),
+        ]
+    ),
     *(
         (f"{command} @/f.yaml {options}".strip(), words, {"f.yaml": text})
         for command, options, words, text in SETTINGS

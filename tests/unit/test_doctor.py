@@ -185,6 +185,11 @@ def test_sign_of_a_cell_is_told_by_what_the_last_run_latched_or_not_at_all(tmp_p
     assert unknown.found.startswith("not told without a motion")
 
 
+def test_a_state_folder_that_one_may_not_look_at_is_judged_by_the_one_around_it(tmp_path: Path) -> None:
+    found = HostProbe().disk(tmp_path / ("a" * 300) / "slave")  # as of no permission, which root always has
+    assert (found.writable, found.mode) == (True, None)
+
+
 @pytest.mark.parametrize(("reached", "code"), [(REACHED, 0), (NO_ANSWER, 1)])
 def test_red_alone_fails(
     run: Run,
