@@ -21,6 +21,9 @@ _STOP_PRIORITY = 25
 
 
 def run() -> None:
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:  # closed: what is opened next, as a serial port, would take its number
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: PTH123, SIM115
     try:
         main()
     except SystemExit as ended:

@@ -2,8 +2,10 @@
 
 import json
 import math
+import os
 import shlex
 import signal
+import sys
 from contextlib import nullcontext
 from importlib import metadata
 
@@ -12,6 +14,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
+from forefeel.__main__ import run
 from forefeel.cli import app
 from forefeel.common.config import dump_yaml
 from forefeel.common.recording.mcap_reader import Run
@@ -118,3 +121,12 @@ def test_interrupted_virtual_run_leaves_what_was_recorded(
     recorded = Run(path)
     assert not recorded.truncated
     assert recorded.count("insertion", FORCE) > 900
+
+
+@pytest.mark.parametrize("name", ["stdin", "stdout", "stderr"])
+def test_a_closed_stream_is_open_on_nothing(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    monkeypatch.setattr(sys, name, None)
+    monkeypatch.setattr("forefeel.__main__.main", lambda: None)
+    run()
+    with getattr(sys, name) as stream:
+        assert stream.name == os.devnull
