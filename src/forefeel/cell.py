@@ -97,7 +97,7 @@ class Cell:
 
         `estopped` is a stop that is confirmed. Anything else is none: use the stop of the machine itself.
         """
-        return stop_over_network(self._sender, tuple(self.axes) or self._sender.axes, reason)
+        return stop_over_network(self._sender, tuple(sorted({*self._sender.axes, *self.axes})), reason)
 
 
 @contextmanager

@@ -9,8 +9,13 @@ import numpy as np
 import pytest
 
 import forefeel as ff
+from forefeel.common.codec import encode
+from forefeel.common.topics import SLAVE_STATE
+from forefeel.common.transport.settings import TransportSettings
 from forefeel.diagnosis.signals import Signals
+from forefeel.estop.network import StopSender
 from forefeel.library import PageFigure
+from tests.messages import usual
 from tests.unit.asked_bench import LIMITS, recorded, stroke
 from tests.unit.diagnosis_samples import FRICTION_N, made, put
 
@@ -156,3 +161,13 @@ def test_without_matplotlib_the_page_has_the_figure(
     assert figure._repr_html_().startswith("<iframe")
     with pytest.raises(ff.ForefeelError, match="pip install"):
         figure.savefig(tmp_path / "d.png")
+
+
+def test_a_stop_is_of_every_axis_that_is_known_of(monkeypatch: pytest.MonkeyPatch) -> None:
+    def confirmed(_sender: StopSender, axes: tuple[str, ...], _reason: str) -> dict[str, str]:
+        return dict.fromkeys(axes, "estopped")
+
+    monkeypatch.setattr("forefeel.cell.stop_over_network", confirmed)
+    cell = ff.Cell(StopSender(TransportSettings(), "master", "cell", axes=("a", "b")), ["state"])
+    cell.hear(SLAVE_STATE.key("cell", "a"), encode(usual(SLAVE_STATE)), 0)
+    assert cell.stop() == {"a": "estopped", "b": "estopped"}
