@@ -25,8 +25,9 @@ from forefeel.common.runtime.real import HOST
 from forefeel.common.state.folder import LATCHED, StateFolder
 from forefeel.common.yaml_file import load_yaml
 from forefeel.devices.simulated.settings import SimulatedStageSettings
+from forefeel.slave.load_cell import NativeReading
 from forefeel.testing import EmulatedBench, SteppedTime, stepped
-from tests.devices.fake_devices import UNPLUGGED, FakeCell, FakeHoming, Hands, SteppedClock
+from tests.devices.fake_devices import UNPLUGGED, FakeCell, FakeHoming, Hands, S, SteppedClock
 
 Run = Callable[[Sequence[str]], int]
 FORCES = ["--forces", "1,2,4"]
@@ -91,6 +92,27 @@ def test_weights_are_kilograms_and_with_yes_nobody_is_asked(
     found = load_settings(LoadCellCalibration, Path("cell.yaml"))
     assert found.gain_n == pytest.approx(cell.gain_n, rel=1e-3)
     assert found.range_n == pytest.approx((0.0, 0.980665))
+
+
+def test_what_came_before_enter_is_of_the_load_before(
+    run: Run, cell: FakeCell, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loads, queued = iter([0.0, 0.1, 0.0]), list[NativeReading]()
+
+    def hang(*_: object) -> None:
+        cell.clock.set_ns(cell.clock.now_ns() + 5 * S)
+        queued.extend(cell.read_native(cell.clock.now_ns()))
+        cell.load(next(loads))
+
+    def read(now_ns: int) -> list[NativeReading]:
+        cell.clock.set_ns(now_ns + 1)
+        earlier, queued[:] = queued[:], []
+        return [*earlier, *FakeCell.read_native(cell, now_ns)]
+
+    monkeypatch.setattr("forefeel.calibrate.procedure.ask_person", hang)
+    monkeypatch.setattr(cell, "read_native", read)
+    assert run([*CELL, "--forces", "0.1", "--settle", "0"]) == 0
+    assert load_settings(LoadCellCalibration, Path("cell.yaml")).gain_n == pytest.approx(2e-5, rel=1e-3)
 
 
 def test_json_is_what_the_file_holds_and_quiet_only_asks(

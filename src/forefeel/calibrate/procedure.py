@@ -164,7 +164,7 @@ def _level(cell: NativeLoadCell, clock: SleepingClock, load: str, settle_s: floa
                 f"{len(readings)} readings within {_SLOWEST_S:g} s: expected at least {LEAST_READINGS}"
             )
         read = cell.read_native(clock.now_ns())  # meanwhile, too: a cell that fails is noticed
-        readings += read if clock.now_ns() > settled_ns else ()
+        readings += (reading for reading in read if reading.stamp_ns > settled_ns)
         clock.sleep_until_ns(clock.now_ns() + _POLL_NS)
     if not all(reading.valid for reading in readings):
         raise RunError(f"{load}: readings that are not valid; expected the cell within its range")
