@@ -25,7 +25,8 @@ from forefeel.daemon_settings import load_daemon
 from forefeel.devices.shared.stream import latency_warning
 from forefeel.probe.ports import can_interfaces, serial_ports
 from forefeel.probe.probe import filter_lag_s
-from tests.devices.fake_devices import FakeCell, FakeHandle, FakeStage, SteppedClock
+from forefeel.slave.load_cell import LoadCellReading
+from tests.devices.fake_devices import FakeCell, FakeHandle, FakeStage, S, SteppedClock
 
 HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "hardware.md"
 Run = Callable[[Sequence[str]], int]
@@ -198,6 +199,23 @@ def test_probe_of_a_master_reads_the_handle_and_gives_no_force(
     assert found["verdict"] == "ready"
     assert found["rate_hz"] is None
     assert bench.handle.calls == ["open", "close"]
+
+
+def test_a_reading_that_is_not_valid_tells_nothing_of_the_filter(
+    run: Run, bench: Bench, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def read(now_ns: int, recording_time_s: float | None) -> list[LoadCellReading]:
+        """Restless by a count of a millinewton; once beyond the range."""
+        found = FakeCell.read(bench.load_cell, now_ns, recording_time_s)
+        return [
+            LoadCellReading(10.0 if at == 5 * S else 1e-3 * (counts % 2), counts, at != 5 * S, at)
+            for _, counts, _, at in found
+        ]
+
+    monkeypatch.setattr(bench.load_cell, "read", read)
+    assert run(["device", "probe", "--config", "slave.yaml", "--seconds", "3", "--json"]) == 0
+    *_, found = json.loads(capsys.readouterr().out)["devices"]
+    assert (found["invalid"], found["filter_lag_s"]) == (1, None)
 
 
 def test_a_wrong_device_is_one_line_and_exit_2_after_all_were_probed(

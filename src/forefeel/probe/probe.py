@@ -105,7 +105,7 @@ def _measure(driver: Any, is_load_cell: bool, span_ns: int, clock: SleepingClock
     if is_load_cell:
         driver.read(clock.now_ns(), None)  # what has queued since it is ready
     stamps_ns, ages_ns, invalid, round_trips_ns = list[int](), list[int](), 0, list[int]()
-    forces_n = list[float]()
+    lag_times_ns, forces_n = list[int](), list[float]()
     start_ns, before = clock.now_ns(), link.exchanges
     now_ns = start_ns
     while now_ns - start_ns < span_ns:
@@ -114,8 +114,10 @@ def _measure(driver: Any, is_load_cell: bool, span_ns: int, clock: SleepingClock
         for reading in driver.read(now_ns, None) if is_load_cell else ():
             stamps_ns.append(now_ns if reading.stamp_ns is None else reading.stamp_ns)
             ages_ns.append(now_ns - stamps_ns[-1])
-            forces_n.append(reading.force_n)
             invalid += not reading.valid
+            if reading.valid:  # the force of another may be any, often full scale: a step that no filter made
+                lag_times_ns.append(stamps_ns[-1])
+                forces_n.append(reading.force_n)
         if not is_load_cell:
             driver.read(now_ns)
         round_trips_ns += link.round_trips_ns.drain()
@@ -129,7 +131,7 @@ def _measure(driver: Any, is_load_cell: bool, span_ns: int, clock: SleepingClock
     return {
         "rate_hz": rate_hz,
         "invalid": invalid,
-        "filter_lag_s": filter_lag_s(stamps_ns, forces_n),
+        "filter_lag_s": filter_lag_s(lag_times_ns, forces_n),
         **times,
     }
 
