@@ -190,6 +190,11 @@ def test_a_state_folder_that_one_may_not_look_at_is_judged_by_the_one_around_it(
     assert (found.writable, found.mode) == (True, None)
 
 
+def test_a_state_folder_is_not_made_in_a_file(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert not HostProbe().disk(tmp_path / "file" / "slave").writable
+
+
 @pytest.mark.parametrize(("reached", "code"), [(REACHED, 0), (NO_ANSWER, 1)])
 def test_red_alone_fails(
     run: Run,

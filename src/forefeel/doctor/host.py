@@ -135,7 +135,8 @@ class HostProbe:
 
     def disk(self, folder: Path) -> Disk:
         place = folder
-        while not os.path.isdir(place) and place != place.parent:  # noqa: PTH112 - Path's raises where one may not look
+        while not os.path.exists(place) and place != place.parent:  # noqa: PTH110 - Path's raises where one may not look
             place = place.parent
         mode = stat.S_IMODE(folder.stat().st_mode) if place == folder else None
-        return Disk(os.access(place, os.W_OK | os.X_OK), mode, shutil.disk_usage(place).free)
+        writable = place.is_dir() and os.access(place, os.W_OK | os.X_OK)
+        return Disk(writable, mode, shutil.disk_usage(place).free)
