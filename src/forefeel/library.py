@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 from threadpoolctl import threadpool_limits
 
 from forefeel.common.causes.model import ContactModel
-from forefeel.common.errors import ConfigurationError, InputError
+from forefeel.common.errors import ConfigurationError, InputError, RecordingError
 from forefeel.common.events.text import shown_unit, table_html, units_of
 from forefeel.common.model_file import load_model
 from forefeel.common.recording.loading import load, load_recording, recordings_in
@@ -225,6 +225,8 @@ def diagnose(
     """
     given = None if model is None else load_model(Path(model))
     sources = [*(recording if isinstance(recording, list) else [recording]), *beside]
+    if not sources:
+        raise RecordingError("no recording: expected at least one")
     from forefeel.results.task import answered  # noqa: PLC0415 - scipy: 85 MB that an evaluation does not need
 
     recordings = [_recording(source, force=True) for source in sources]

@@ -10,6 +10,7 @@ import pytest
 
 import forefeel as ff
 from forefeel.common.codec import encode
+from forefeel.common.errors import RecordingError
 from forefeel.common.topics import SLAVE_STATE
 from forefeel.common.transport.settings import TransportSettings
 from forefeel.diagnosis.signals import Signals
@@ -171,3 +172,8 @@ def test_a_stop_is_of_every_axis_that_is_known_of(monkeypatch: pytest.MonkeyPatc
     cell = ff.Cell(StopSender(TransportSettings(), "master", "cell", axes=("a", "b")), ["state"])
     cell.hear(SLAVE_STATE.key("cell", "a"), encode(usual(SLAVE_STATE)), 0)
     assert cell.stop() == {"a": "estopped", "b": "estopped"}
+
+
+def test_no_recording_has_no_diagnosis() -> None:
+    with pytest.raises(RecordingError, match="no recording"):
+        ff.diagnose([])
