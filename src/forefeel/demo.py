@@ -7,6 +7,7 @@ from pathlib import Path
 from shutil import rmtree
 
 from forefeel.common.causes.model import SCHEMA
+from forefeel.common.errors import ConfigurationError
 from forefeel.common.events.text import quantity
 from forefeel.common.yaml_file import dump_mapping
 from forefeel.dashboard.scene import Scene
@@ -14,7 +15,7 @@ from forefeel.diagnosis.verdict import Cause, Diagnosis
 from forefeel.files import fresh_folder, write_all
 from forefeel.interrupt import ends_in_order
 from forefeel.loopback.plan import LoopbackOptions
-from forefeel.loopback.run import RECORDING, REPORT, judge, recorded_run
+from forefeel.loopback.run import RECORDING, REPORT, RUN_FILES, judge, recorded_run
 from forefeel.loopback.viewer import DashboardProcess
 from forefeel.report.model import RunReport
 from forefeel.report.wording import DISCLAIMER, felt_text, plain_value, shown, split_unit
@@ -43,11 +44,14 @@ def run_demo(viewer: DashboardProcess, out: Path, seed: int, duration_s: float =
     an earlier demo is deleted.
 
     Raises:
-        InputError: the folder can not be used.
+        InputError: the folder can not be used, or holds such files and is not of a demo.
         RunError: a run failed, was interrupted, or its slave was never armed.
     """
     first_out, diagnosis_out = out / "first", out / "diagnosis"
     vessel, hidden, prior = out / "vessel.yaml", out / "hidden.yaml", out / "prior"
+    ours = *RUN_FILES, vessel.name, prior.name, first_out.name, diagnosis_out.name
+    if not hidden.exists() and any((out / name).exists() for name in ours):
+        raise ConfigurationError(f"--out {out}: holds what no demo has made; expected another folder")
     with ends_in_order("demo", out) as written:
         write_all(out, {file.name: _model(file.stem) for file in (vessel, hidden)}, written)
         rmtree(prior, ignore_errors=True)  # of an earlier demo: the first run is cold

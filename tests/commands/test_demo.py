@@ -7,6 +7,7 @@ import pytest
 
 from forefeel import demo
 from forefeel.common.error_size import ErrorSize
+from forefeel.common.errors import ConfigurationError
 from forefeel.dashboard.scene import Scene
 from forefeel.loopback.plan import LoopbackOptions
 from forefeel.report.transparency import Transparency
@@ -64,3 +65,11 @@ def test_demo_tells_what_was_hidden_and_ends_with_the_errors(
     assert viewer.scenes[-1].head in lines[-1]
     shown = [(each.recording and each.recording.parent.name, len(each.pages)) for each in viewer.scenes]
     assert shown == [(None, 0), ("first", 1), (None, 2), (tmp_path.name, 3)]
+
+
+@pytest.mark.parametrize("name", ["slave.yaml", "vessel.yaml", "prior"])
+def test_what_no_demo_has_made_stays(name: str, tmp_path: Path) -> None:
+    (tmp_path / name).mkdir()
+    with pytest.raises(ConfigurationError, match="no demo"):
+        demo.run_demo(Viewer(), tmp_path, 1)  # type: ignore[arg-type]
+    assert [path.name for path in tmp_path.iterdir()] == [name]

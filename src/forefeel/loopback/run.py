@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from forefeel.report.model import RunReport
 
 RECORDING, REPORT = "recording.mcap", "report.html"
-_OURS = (
+RUN_FILES = (
     RECORDING, "report.json", REPORT, "slave.yaml", "master.yaml", "slave.log", "master.log",
     "stage.log", "cell.log", "handle.log", "hub.log", STATE,
 )  # fmt: skip
@@ -77,14 +77,14 @@ def recorded_run(
         plan = make_plan(options)
         plan.slave_settings()
         plan.master_settings()
-        fresh_folder(folder, _OURS, "an earlier run", overwrite)
+        fresh_folder(folder, RUN_FILES, "an earlier run", overwrite)
         if prior := options.prior_dir:
             try:
                 prior.mkdir(parents=True, exist_ok=True, mode=0o700)
             except OSError as error:
                 reason = f"--prior-dir {prior}: {error.strerror}; expected a folder"
                 raise ConfigurationError(reason) from error
-        for path in (folder / name for name in _OURS):
+        for path in (folder / name for name in RUN_FILES):
             shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
         for note in plan.notes:
             say(note)
