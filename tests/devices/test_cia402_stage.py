@@ -171,7 +171,7 @@ def test_answers_that_are_cut_short_are_none() -> None:
             message.dlc = len(message.data)
             send(message, timeout)
 
-        rig.drive._bus.send = cut  # type: ignore[method-assign]
+        rig.drive._bus.send = cut  # type: ignore[method-assign, assignment]
         with pytest.raises(DeviceSetupError, match="no answer; expected a CiA 402 device"):
             Cia402Homing(rig.stage._settings, rig.time).__enter__()
 
