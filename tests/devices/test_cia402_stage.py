@@ -166,10 +166,10 @@ def test_answers_that_are_cut_short_are_none() -> None:
     with rigged() as rig:
         send = rig.drive._bus.send
 
-        def cut(message: can.Message, timeout: float | None = None) -> None:
-            message.data = message.data[:2]
-            message.dlc = len(message.data)
-            send(message, timeout)
+        def cut(msg: can.Message, timeout: float | None = None) -> None:
+            msg.data = msg.data[:2]
+            msg.dlc = len(msg.data)
+            send(msg, timeout)
 
         rig.drive._bus.send = cut  # type: ignore[method-assign, assignment]
         with pytest.raises(DeviceSetupError, match="no answer; expected a CiA 402 device"):
