@@ -140,6 +140,14 @@ def test_readings_from_before_a_close_are_dropped() -> None:
         assert all((reading.stamp_ns or 0) >= since_ns for reading in rig.readings(0.1))
 
 
+def test_readings_that_waited_while_the_stage_had_a_fault_are_dropped() -> None:
+    with rigged("cell") as rig:
+        rig.time.run(0.4)
+        rig.cell.rearm()
+        assert rig.cell.read(rig.time.now_ns(), None) == []
+        assert rig.readings(0.1) and rig.cell.link.counters["discarded"] >= 20
+
+
 def test_bus_has_one_bitrate() -> None:
     with rigged("cell") as rig, pytest.raises(DeviceSetupError, match="bitrate = 500000: expected 1000000"):
         acquire(rig.bus.model_copy(update={"bitrate": 500_000}))

@@ -51,10 +51,11 @@ class QueuedLoadCell:
             self._conversation = None
 
     def rearm(self) -> None:
-        """Permits readings again, and discards those before. DeviceError: the cell has not come back yet."""
-        if self.link.inhibited is not None:
-            self.link.counters["discarded"] += len(self._queue.drain())
-            self.link.rearm()
+        """Permits readings again, and discards those before, which may have waited for as long as the stage
+        had a fault. DeviceError: the cell has not come back yet.
+        """
+        self.link.counters["discarded"] += len(self._queue.drain())
+        self.link.rearm()
 
     def read(self, now_ns: int, recording_time_s: float | None) -> Sequence[LoadCellReading]:
         """The readings since the last call, each with the host's stamp of its measurement; never waits."""
