@@ -430,3 +430,16 @@ def test_homing_that_fails_or_is_interrupted_ends_with_a_stop() -> None:
             raise KeyboardInterrupt
         rig.time.run(0.2)
         assert rig.at_rest() and not rig.line.opened
+
+
+def test_travel_whose_answers_are_lost_is_stopped_before_anything_else() -> None:
+    with rigged(opened=False) as rig, ZaberHoming(rig.settings, rig.time) as found:
+
+        def lose(_now_ns: int) -> None:
+            if rig.x_m > 0.02:
+                rig.wires[1]._faults = Faults(drop=1.0)
+
+        rig.time.tick = lose
+        with pytest.raises(DeviceError):
+            found.travel_ends(0.05)
+        assert rig.at_rest() and rig.x_m < 0.04

@@ -46,9 +46,7 @@ class ZaberHoming:
     ) -> None:
         assert self._stream is not None
         try:
-            self._opened().talk.post(["stop"])
-        except DeviceError:
-            self.link.counters["stops_not_sent"] += 1
+            self._post_stop()
         finally:
             self._stream.close()
 
@@ -76,6 +74,9 @@ class ZaberHoming:
             high = talk.number("get pos")
             self._move("move min", timeout_s)
             return talk.number("get pos"), high
+        except BaseException:
+            self._post_stop()  # first: a stage whose answers are lost is asked for a second
+            raise
         finally:
             talk.ask(f"set maxspeed {int(usual)}")
 
@@ -97,6 +98,13 @@ class ZaberHoming:
                 return
         talk.ask("stop")
         raise DeviceError(f"{self.link.name}: {text!r} takes too long; the stage has been stopped")
+
+    def _post_stop(self) -> None:
+        """Sends a stop, and waits for no answer; counts one that can not be sent."""
+        try:
+            self._opened().talk.post(["stop"])
+        except DeviceError:
+            self.link.counters["stops_not_sent"] += 1
 
     def _opened(self) -> ConfiguredStage:
         if self._device is None:
