@@ -1,11 +1,13 @@
 """The devices that a daemon's YAML file names."""
 
+import os
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from forefeel.common.errors import ConfigurationError
 from forefeel.common.hardware.driver import InstalledDriver, Slot, driver_of, imported
 from forefeel.common.settings import DaemonSettings
+from forefeel.common.state.folder import holder, state_path
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.shared.settings import SerialSettings
 
@@ -44,6 +46,19 @@ def configured(settings: DaemonSettings) -> list[ConfiguredDevice]:
         for axis in settings.axes
         for slot, section in axis.sections.items()
     ]
+
+
+def require_released(config: Path) -> None:
+    """Raises ConfigurationError where the daemon of these settings runs: it holds their devices, and a CAN
+    bus does not keep another program from them.
+    """
+    settings = load_daemon(config)
+    process = holder(state_path(settings, settings.role, os.environ))
+    if process is not None:
+        raise ConfigurationError(
+            f"{config}: the {settings.role} runs (process {process}) and holds its devices; "
+            "expected it to be ended first"
+        )
 
 
 def import_drivers(settings: DaemonSettings) -> None:

@@ -20,6 +20,7 @@ from forefeel.common.hardware.driver import (
     imported,
     installed_drivers,
 )
+from forefeel.common.state.folder import StateFolder
 from forefeel.configured_devices import ConfiguredDevice, configured
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.shared.stream import latency_warning
@@ -199,6 +200,18 @@ def test_probe_of_a_master_reads_the_handle_and_gives_no_force(
     assert found["verdict"] == "ready"
     assert found["rate_hz"] is None
     assert bench.handle.calls == ["open", "close"]
+
+
+def test_devices_are_left_alone_beside_their_daemon(
+    run: Run, bench: Bench, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("slave.yaml").write_text(f"state: {{directory: state}}\n{SLAVE}")
+    calibrate = "calibrate load-cell --axis insertion --out cell.yaml --weights 1"
+    with StateFolder(Path("state")):
+        for line in ("device probe", calibrate):
+            assert run([*line.split(), "--config", "slave.yaml"]) == 2
+            assert "the slave runs" in capsys.readouterr().err
+    assert bench.stage.calls == bench.load_cell.calls == []
 
 
 def test_a_reading_that_is_not_valid_tells_nothing_of_the_filter(

@@ -36,7 +36,7 @@ from forefeel.common.hardware.link import DeviceLink
 from forefeel.common.runtime.real import HOST
 from forefeel.common.state.folder import LATCHED, StateFolder, state_path
 from forefeel.common.state.latch import latched
-from forefeel.configured_devices import ConfiguredDevice, device_of
+from forefeel.configured_devices import ConfiguredDevice, device_of, require_released
 from forefeel.daemon_settings import load_daemon
 from forefeel.files import check_new_file, write_whole
 from forefeel.interrupt import break_off, ends_in_order, signal_flag
@@ -92,12 +92,14 @@ def run_load_cell(
         clock: of the readings.
 
     Raises:
-        InputError: the options, the configuration or the device is not as expected; nothing was written.
+        InputError: the options, the configuration or the device is not as expected, or the slave runs;
+            nothing was written.
         RunError: readings invalid, unsteady or off the line, or interrupted; nothing was written.
         DeviceError: the cell failed.
     """
     loads_n = _loads_n(weights, forces)
     device = target.device("load_cell")
+    require_released(target.config)
     full_scale_n, largest_n = device.settings.full_scale_n, max(map(abs, loads_n))
     if largest_n > full_scale_n:
         raise ConfigurationError(

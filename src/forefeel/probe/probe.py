@@ -14,7 +14,7 @@ from rich.text import Text
 from forefeel.common.clock import MonotonicClock, SleepingClock
 from forefeel.common.errors import DeviceError, ForefeelError, InputError, RunError
 from forefeel.common.hardware.link import DeviceLink
-from forefeel.configured_devices import ConfiguredDevice, configured
+from forefeel.configured_devices import ConfiguredDevice, configured, require_released
 from forefeel.daemon_settings import load_daemon
 from forefeel.devices.shared.stream import latency_warning
 from forefeel.interrupt import break_off, ends_in_order, signal_flag
@@ -168,10 +168,11 @@ def run_probe(config: Path, seconds: float) -> None:
     worst.
 
     Raises:
-        InputError: the file, or a device that is not the one that it names.
+        InputError: the file, its daemon that runs, or a device that is not the one that it names.
         RunError: a device failed while it was probed, or the user ended it.
     """
     devices = configured(load_daemon(config))
+    require_released(config)
     results: list[Probed] = []
     with ends_in_order("probe") as printed, signal_flag(break_off):
         printed.append("what was found is above")
