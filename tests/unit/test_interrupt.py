@@ -3,15 +3,17 @@
 import ctypes
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
 
+from forefeel.commands.pki import init
 from forefeel.common.errors import RunError
 from forefeel.files import whole
 from forefeel.interrupt import SIGNALS, break_off, ends_in_order, leave, signal_flag
+from forefeel.pki.folder import router_file
 
 
 class ExitedError(BaseException):
@@ -68,6 +70,21 @@ def test_signal_removes_what_is_half_written(tmp_path: Path, exits: list[int]) -
         come()
     assert exits == [1]
     assert list(tmp_path.iterdir()) == []
+
+
+def test_signal_waits_for_a_folder_of_certificates(
+    tmp_path: Path, exits: list[int], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(cells: Sequence[str]) -> str:
+        come()
+        return router_file(cells)
+
+    monkeypatch.setattr("forefeel.pki.folder.router_file", interrupted)
+    with pytest.raises(ExitedError):
+        init(tmp_path / "pki", ["cell"])
+    assert exits == [1]
+    assert "all certificates in" in capfd.readouterr().err
+    assert (tmp_path / "pki" / "router" / "router.json5").exists()
 
 
 def test_body_that_looks_ends_by_itself(exits: list[int]) -> None:

@@ -33,11 +33,13 @@ def init(
 ) -> None:
     """Called again, it adds cells, renews what ends within 30 days and changes hosts; all keys stay."""
     from forefeel.common.clock import now_utc  # noqa: PLC0415 - the help needs none of it
-    from forefeel.interrupt import ends_in_order  # noqa: PLC0415
+    from forefeel.interrupt import ends_in_order, signal_flag  # noqa: PLC0415
     from forefeel.pki.folder import AUTHORITY_KEY, init_folder  # noqa: PLC0415
 
-    with ends_in_order("pki init", folder):
+    # a signal waits until all is there: a key of the authority without its certificate is of no use again
+    with ends_in_order("pki init", folder) as written, signal_flag():
         done = init_folder(folder, cell or [], hosts or [], days, now_utc())
+        written.append("all certificates")
     for place, what in done.items():
         say(f"{what:<9} {place}")
     if set(done.values()) != {"unchanged"}:
