@@ -98,6 +98,12 @@ def test_init_again_adds_cells_and_keeps_the_rest(tmp_path: Path) -> None:
     assert (lab / "router" / "router.json5").read_text() == router_file(["b", "a"])
 
 
+def test_init_again_with_the_same_hosts_renews_nothing(tmp_path: Path) -> None:
+    for done in ("new", "unchanged"):
+        hosts = ["slave=localhost,10.0.0.1", "master=127.0.0.1", "router=::1"]
+        assert set(init_folder(tmp_path / "lab", ["a"], hosts, 365, NOW).values()) == {done}
+
+
 def test_init_again_renews_what_ends_soon_with_the_same_key(tmp_path: Path) -> None:
     lab, place = tmp_path / "lab", tmp_path / "lab" / "a" / "slave"
     init_folder(lab, ["a"], ["slave=10.0.0.1"], 90, NOW)

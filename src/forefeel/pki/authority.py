@@ -13,7 +13,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 AUTHORITY_NAME = "forefeel-ca"
 AUTHORITY_DAYS = 3650
 EARLIER = timedelta(hours=1)  # before now a certificate begins: hosts' clocks need not agree to the second
-_THIS_HOST = ("localhost", "127.0.0.1", "::1")
+THIS_HOST = ("localhost", "127.0.0.1", "::1")
 
 Key = ec.EllipticCurvePrivateKey
 PublicKey = ec.EllipticCurvePublicKey
@@ -54,7 +54,7 @@ class Authority:
         """
         identifier = self.certificate.extensions.get_extension_for_class(x509.SubjectKeyIdentifier).value
         end = min(now + timedelta(days=days), self.certificate.not_valid_after_utc)
-        names = [_general_name(host) for host in dict.fromkeys([*hosts, *_THIS_HOST])]
+        names = [_general_name(host) for host in dict.fromkeys([*hosts, *THIS_HOST])]
         purposes = [ExtendedKeyUsageOID.SERVER_AUTH, ExtendedKeyUsageOID.CLIENT_AUTH]
         builder = (
             _unsigned(_name(name), self.certificate.subject, public_key, now, end, identifier)
@@ -88,7 +88,7 @@ def hosts_of(certificate: x509.Certificate) -> tuple[str, ...]:
     except x509.ExtensionNotFound:
         return ()
     names = [str(name.value) for name in alternatives]
-    return tuple(name for name in names if name not in _THIS_HOST)
+    return tuple(name for name in names if name not in THIS_HOST)
 
 
 def _unsigned(

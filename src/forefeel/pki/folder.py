@@ -23,7 +23,15 @@ from forefeel.common.transport.pki import AUTHORITY, check_period, read_certific
 from forefeel.common.transport.security import CELL_ROLES, ROLES, Party, PartyFiles, secured
 from forefeel.common.transport.zenoh_config import FIXED
 from forefeel.files import whole
-from forefeel.pki.authority import AUTHORITY_NAME, Authority, certificate_pem, hosts_of, key_pem, new_key
+from forefeel.pki.authority import (
+    AUTHORITY_NAME,
+    THIS_HOST,
+    Authority,
+    certificate_pem,
+    hosts_of,
+    key_pem,
+    new_key,
+)
 
 AUTHORITY_KEY = "ca.key"
 RENEWED_WITHIN = timedelta(days=30)  # certificates that end sooner are amber, and renewed by the next init
@@ -106,7 +114,8 @@ def _issue(
     if path.exists():
         old = read_certificate(path)
         hosts = hosts_of(old) if hosts is None else hosts
-        if old.not_valid_after_utc - now >= RENEWED_WITHIN and set(hosts) == set(hosts_of(old)):
+        same = set(hosts).difference(THIS_HOST) == set(hosts_of(old))
+        if old.not_valid_after_utc - now >= RENEWED_WITHIN and same:
             return "unchanged"
         public, what = old.public_key(), "renewed"
         if not isinstance(public, ec.EllipticCurvePublicKey):
