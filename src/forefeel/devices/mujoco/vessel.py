@@ -27,11 +27,10 @@ def make_vessel(settings: GuidewireSettings) -> Guidewire:
     if path.crosses_itself():
         raise ConfigurationError("vessel: it crosses itself; expected pieces that keep apart")
     of = settings.wire
-    segments = round(length_m / of.segment_m)
-    if not 1 <= segments <= _MOST_SEGMENTS:
-        made = f"{segments} segments on {length_m:g} m; expected 1 to {_MOST_SEGMENTS}"
-        raise ConfigurationError(f"vessel: segment_m = {of.segment_m:g}: {made}")
     wire = WireChain(of.stiffness_n_m2, of.radius_m, length_m, of.segment_m, of.soft_tip)
+    if not 1 <= wire.segments <= _MOST_SEGMENTS:
+        made = f"{wire.segments} segments on {length_m:g} m; expected 1 to {_MOST_SEGMENTS}"
+        raise ConfigurationError(f"vessel: segment_m = {of.segment_m:g}: {made}")
     world = Guidewire(wire, path, settings.friction)
     world.settle()
     return world

@@ -40,9 +40,13 @@ class WireChain:
     soft_tip: bool = True
 
     @property
+    def segments(self) -> int:
+        return round(self.length_m / self.segment_m)
+
+    @property
     def springs_n_m(self) -> Array:
         """One a hinge. The first stands for half a segment: the wire is clamped there."""
-        s = np.arange(round(self.length_m / self.segment_m)) * self.segment_m
+        s = np.arange(self.segments) * self.segment_m
         share = np.clip((self.length_m - s) / _SOFT_M, 0.0, 1.0) if self.soft_tip else np.ones_like(s)
         springs = self.stiffness_n_m2 / self.segment_m * (_SOFT + (1.0 - _SOFT) * share)
         springs[0] *= 2.0
