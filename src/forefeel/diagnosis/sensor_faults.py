@@ -27,6 +27,7 @@ MAINS_HZ = 50.0, 60.0
 _PILE = 8.0
 _LEAST_PILE = 0.002
 _NEAR_LIMIT = 0.01  # of the force at which another recording was clipped
+_SIDES = {"upper_n": 1.0, "lower_n": -1.0}  # ends of a range: a force times the sign reaches up to its size
 _WHOLE = 0.02
 _MOVED = 0.01  # of the range of positions
 _MOST_CLIPPED = 0.5  # of the samples: more is how the force is made
@@ -57,12 +58,10 @@ def clean(recording: Recording, known: Sequence[Cause] = ()) -> Cleaned:
     cleaned = Cleaned(force, nowhere, nowhere.copy())
     step = comb_step(force)
     _saturation(cleaned, recording.position_m, step)
-    for cause in known:
-        if cause.name == SensorSaturation.name:
-            for end, side in (("upper_n", 1.0), ("lower_n", -1.0)):
-                at = cause.parameters.get(end, cause.parameters.get("limit_n"))
-                if at is not None:
-                    cleaned.clipped |= force * side >= at.value - _NEAR_LIMIT * abs(at.value)
+    for saturation in (cause.parameters for cause in known if cause.name == SensorSaturation.name):
+        for end, side in _SIDES.items():
+            if size := saturation.get(end, saturation.get("limit_n")):
+                cleaned.clipped |= force * side >= size.value - _NEAR_LIMIT * abs(size.value)
     if step is not None:
         words = f"the force takes only {len(np.unique(force))} values, multiples of one step"
         parameters = {"step_n": Interval.about(step, 0.0005 * step)}
@@ -98,31 +97,25 @@ def _saturation(cleaned: Cleaned, position_m: Floats, step: float | None) -> Non
     one.
     """
     force = cleaned.force_n
-    low, high = float(force.min()), float(force.max())
+    tops = {end: float(np.max(force * side)) for end, side in _SIDES.items()}
     ends: dict[str, float] = {}
-    for end, limit, side in (("upper_n", high, 1.0), ("lower_n", low, -1.0)):
-        at = _piled(force * side, limit * side, step)
+    for end, top in tops.items():
+        at = _piled(force * _SIDES[end], top, step)
         if at is not None and np.ptp(position_m[at]) > _MOVED * np.ptp(position_m):
             cleaned.clipped |= at
-            ends[end] = limit * side + 0.0  # no -0
+            ends[end] = top + 0.0  # no -0
     if ends and np.mean(cleaned.clipped) > _MOST_CLIPPED:
         cleaned.clipped = np.zeros_like(cleaned.clipped)  # a force of two levels has no top
     elif ends:
-        share = float(np.mean(cleaned.clipped))
-        limits = [-size if end == "lower_n" and size else size for end, size in ends.items()]
-        words = (
-            f"{100 * share:.2g} % of the samples stand exactly at "
-            f"{' and '.join(f'{x:.4g}' for x in limits)} {shown_unit('N')}"
-        )
-        largest = max(ends.values())
-        spread = 1e-3 * max(largest, 1e-3 * (high - low)) if step is None else 0.5 * step
+        share, range_n, largest = float(np.mean(cleaned.clipped)), sum(tops.values()), max(ends.values())
+        limits = " and ".join(f"{_SIDES[end] * size + 0.0:.4g}" for end, size in ends.items())
+        words = f"{100 * share:.2g} % of the samples stand exactly at {limits} {shown_unit('N')}"
+        spread = 1e-3 * max(largest, 1e-3 * range_n) if step is None else 0.5 * step
         # a range is taken for symmetric unless it shows that it is not, as that of 0 to 10 N
-        symmetric = max(high, -low) <= largest + spread and min(ends.values()) >= largest - spread
+        symmetric = max(tops.values()) <= largest + spread and min(ends.values()) >= largest - spread
         shown = {"limit_n": largest} if symmetric else ends
         parameters = {name: Interval.about(size, spread) for name, size in shown.items()}
-        cleaned.faults.append(
-            Cause.on_readings(SensorSaturation.name, parameters, words, share * (high - low))
-        )
+        cleaned.faults.append(Cause.on_readings(SensorSaturation.name, parameters, words, share * range_n))
 
 
 def _piled(force: Floats, top: float, step: float | None) -> Mask | None:
